@@ -69,10 +69,8 @@ class Colony:
         self.instance = checks.instance("instance", instance, Tsp)
         self.rule = make_rule(rule, ants=ants, persistence=persistence)
         self.options = options
-        self._immunity = (
-            None if immune is None else Immunity(checks.instance("immune", immune, Immune), True, checks.seed(seed), [])
-        )
         self._seed = np.uint64(checks.seed(seed))
+        self._immunity = None if immune is None else Immunity(checks.instance("immune", immune, Immune), True, seed)
         checks.integer("candidates", candidates, low=1)
         if instance.size < 4:
             raise BadParameter("instance.size", instance.size, "at least 4 cities")

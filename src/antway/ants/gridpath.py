@@ -202,7 +202,7 @@ def explore(
     checks.integer("threads", threads, low=1, high=256)
     if step_limit is not None:
         checks.integer("step_limit", step_limit, low=0, high=2**24)
-    immunity = None if immune is None else Immunity(checks.instance("immune", immune, Immune), False, seed, [])
+    immunity = None if immune is None else Immunity(checks.instance("immune", immune, Immune), False, seed)
     local, window = _local(problem, window, forbidden)
 
     def result(status: Status, path: NDArray[np.uint8] | None = None, bound: float = 0.0, steps: int = 0) -> Exploration:

@@ -8,7 +8,7 @@ colony can use them. `docs/colonies.md` says how much they help.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +69,7 @@ class Immunity:
     policy: Immune
     closed: bool
     seed: int
-    elites: list[tuple[float, Nodes]]
+    elites: list[tuple[float, Nodes]] = field(default_factory=list)
 
     def respond(
         self,

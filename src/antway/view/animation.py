@@ -9,9 +9,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from antway.errors import BadParameter
 from antway.planning import Plan
@@ -74,13 +73,11 @@ def _write_gif(pictures: list[Image.Image], path: Path, pause: int) -> None:
 
 
 def _write_mp4(pictures: Iterator[Image.Image], path: Path, rate: float) -> None:
-    first = next(pictures)
-    size = f"{first.width - first.width % 2}x{first.height - first.height % 2}"
     command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "image2pipe", "-r", f"{rate:.3f}", "-c:v", "bmp", "-i", "-"]
-    command += ["-vf", f"crop={size.replace('x', ':')}:0:0", "-pix_fmt", "yuv420p", str(path)]
+    command += ["-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2:0:0", "-pix_fmt", "yuv420p", str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
         assert process.stdin is not None
-        for picture in (first, *pictures):
+        for picture in pictures:
             picture.save(process.stdin, "BMP")
     if process.returncode:
         raise OSError(f"ffmpeg failed with status {process.returncode} on {path}")
@@ -121,11 +118,11 @@ class _Painter:
         draw.line(flat, fill="white", width=round((width + 2) * SUPER), joint="curve")
         draw.line(flat, fill=colour, width=round(width * SUPER), joint="curve")
 
-    def dashes(self, draw: ImageDraw.ImageDraw, points: NDArray[np.float64], colour: str, dash: float) -> None:
-        """Draw a dashed line with dashes and gaps of `dash` pixels."""
+    def dashes(self, draw: ImageDraw.ImageDraw, points: NDArray[np.float64], colour: str) -> None:
+        """Draw a dashed line with dashes and gaps of 6 pixels."""
         paths = np.hypot(*np.diff(points, axis=0).T)
         along = np.concatenate(([0.0], np.cumsum(paths)))
-        step = dash * SUPER / self.scale
+        step = 6 * SUPER / self.scale
         for k in range(0, math.ceil(along[-1] / step), 2):
             ends = np.array([k * step, min((k + 1) * step, along[-1])])
             inner = points[(along > ends[0]) & (along < ends[1])]
@@ -204,7 +201,7 @@ def _symbol(draw: ImageDraw.ImageDraw, x: float, y: float, shape: str, colour: s
 
 def _faded(colour: str) -> tuple[int, int, int]:
     """Return a colour half way to white."""
-    red, green, blue = ((255 + part) // 2 for part in _rgb(colour))
+    red, green, blue = ((255 + part) // 2 for part in ImageColor.getrgb(colour))
     return red, green, blue
 
 
@@ -212,17 +209,17 @@ def _backdrop(painter: _Painter, shortest: Plan | None) -> Image.Image:
     """Return the constant part of an episode's pictures: the map, the global path, the start."""
     task = painter.trace.task
     grid = task.grid
-    shade = np.full(grid.shape, 255, np.uint8)[..., None] * np.ones(3, np.uint8)
-    shade[grid.blocked] = _rgb(style.WALL)
+    shade = np.full((*grid.shape, 3), 255, np.uint8)
+    shade[grid.blocked] = ImageColor.getrgb(style.WALL)
     if grid.unknown is not None:
-        shade[grid.unknown] = _rgb(style.UNKNOWN)
+        shade[grid.unknown] = ImageColor.getrgb(style.UNKNOWN)
     size = (painter.width * SUPER, painter.height * SUPER)
     picture = Image.new("RGB", (size[0], size[1] + CAPTION * SUPER), "white")
     reduce = Image.Resampling.BOX if max(grid.shape) > max(size) else Image.Resampling.NEAREST
     picture.paste(Image.fromarray(painter.upright(shade)).resize(size, reduce), (0, 0))
     draw = ImageDraw.Draw(picture)
     if shortest is not None and len(shortest.cells) > 1:
-        painter.dashes(draw, shortest.xy(grid), style.INK, 6)
+        painter.dashes(draw, shortest.xy(grid), style.INK)
     painter.disc(draw, task.start, 0.0, "white", style.INK)
     return picture
 
@@ -303,8 +300,3 @@ def _star(draw: ImageDraw.ImageDraw, x: float, y: float, size: float) -> None:
         for k, a in enumerate(angles)
     ]
     draw.polygon(corners, fill=style.GOLD, outline=style.INK, width=SUPER)
-
-
-def _rgb(colour: str) -> tuple[int, int, int]:
-    red, green, blue = (round(255 * part) for part in to_rgb(colour))
-    return red, green, blue

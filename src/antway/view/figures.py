@@ -100,8 +100,10 @@ def moment_figure(
     _draw_moment(axes, trace, step, path, prediction, pheromone)
     decision = decision_at(trace, step)
     axes.set_title(f"{title}  (t = {trace.t[step]:.1f} s)")
-    if caption is not None or decision is not None:
-        axes.set_xlabel(f"x (m)\n{_wrapped(in_words(decision) if caption is None else caption)}")
+    if caption is None and decision is not None:
+        caption = f"{decision.action.replace('-', ' ')}: {decision.reason}"
+    if caption is not None:
+        axes.set_xlabel(f"x (m)\n{_wrapped(caption)}")
     style.legend_below(axes, columns=3)
     return fig
 
@@ -164,18 +166,11 @@ def convergence_figure(histories: Mapping[str, NDArray[np.float64]], *, optimum:
     looks = ((style.BLUE, "-"), (style.ORANGE, "--"), (style.RED, ":"), (style.TEAL, "-."))
     for (name, history), (colour, dash) in zip(histories.items(), looks):
         table = checks.array(f"history of {name}", history, (None, 4), finite=False)
-        cycle = np.arange(1, len(table) + 1)
-        lengths.plot(cycle, _finite(table[:, 0]), color=colour, linestyle=dash, linewidth=2.0, label=f"{name}: best so far")
-        lengths.plot(
-            cycle,
-            _finite(table[:, 1]),
-            color=colour,
-            linestyle=dash,
-            linewidth=0.9,
-            alpha=0.75,
-            label=f"{name}: mean of the cycle",
-        )
-        arrived.plot(cycle, 100 * table[:, 2], color=colour, linestyle=dash, linewidth=1.4)
+        cycle, look = np.arange(1, len(table) + 1), {"color": colour, "linestyle": dash}
+        best, mean, share, _ = np.where(np.isfinite(table), table, np.nan).T
+        lengths.plot(cycle, best, linewidth=2.0, label=f"{name}: best so far", **look)
+        lengths.plot(cycle, mean, linewidth=0.9, alpha=0.75, label=f"{name}: mean of the cycle", **look)
+        arrived.plot(cycle, 100 * share, linewidth=1.4, **look)
     if optimum is not None:
         lengths.axhline(optimum, color=style.INK, linewidth=0.8, label=f"shortest path, {optimum:.2f} m")
     lengths.set(ylabel="path length (m)", title="Ants on a static map: convergence")
@@ -328,7 +323,9 @@ def _band(a: NDArray[np.float64], b: NDArray[np.float64], radius: float) -> NDAr
 
 def _draw_numbers(axes: Axes, trace: Trace, step: int) -> None:
     """Write each obstacle's number beside it; where numbers would overlap, only the first."""
-    inches = axes.get_position().width * style.width_of(axes)
+    fig = axes.get_figure(root=True)
+    assert fig is not None
+    inches = axes.get_position().width * fig.get_figwidth()
     apart, kept = 0.14 / inches * float(np.ptp(axes.get_xlim())), np.empty((0, 2))  # the space of a number is in inches
     for k, place in enumerate(trace.obstacle_xy[step]):
         at = place + np.array([0.0, -trace.obstacle_radius[k] if trace.task.grid.top_first else trace.obstacle_radius[k]])
@@ -373,15 +370,6 @@ def _disc(
     axes.add_patch(Circle((centre[0], centre[1]), radius, facecolor=face, edgecolor=colour, linewidth=1.2, zorder=zorder))
     if label is not None:
         axes.plot([], [], "o", color=colour, markersize=8, linestyle="", label=label)
-
-
-def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.where(np.isfinite(values), values, np.nan)
-
-
-def in_words(decision: Decision | None) -> str:
-    """Return a decision as one line."""
-    return "" if decision is None else f"{decision.action.replace('-', ' ')}: {decision.reason}"
 
 
 def _wrapped(text: str) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import html
 import json
 import math
 import re
 import tempfile
 from collections.abc import Iterable, Sequence
+from html import escape
 from pathlib import Path
 
 from antway.arena import metrics
@@ -48,7 +48,7 @@ def report_page(results: Results) -> str:
         "policy": f"default-src 'none'; {allowed}; img-src data: blob:; base-uri 'none'; form-action 'none'",
         "style": style,
         "script": script,
-        "about": _text(f"{len(rows)} episodes, antway {versions}"),
+        "about": escape(f"{len(rows)} episodes, antway {versions}"),
         "body": body,
         "shell": embedded(json.dumps(replays.shell)),
         "replays": embedded(json.dumps(replays.data)),
@@ -87,9 +87,9 @@ def _suite(suite: str, rows: list[Row], replays: _Replays) -> str:
     if any(math.isfinite(row.bound) for row in rows):
         plots["Time over the optimum"] = time_ratio_figure(rows)
     drawn = "".join(f"<div class='wide' role='img' aria-label='{name}'>{style.svg(fig)}</div>" for name, fig in plots.items())
-    remarked = "".join(f"<p class='note'>{_text(remark)}</p>" for remark in remarks(table))
+    remarked = "".join(f"<p class='note'>{escape(remark)}</p>" for remark in remarks(table))
     return (
-        f"<section><h2>Suite {_text(suite)}</h2>{_table(table)}{remarked}<div class='plots'>{drawn}</div>"
+        f"<section><h2>Suite {escape(suite)}</h2>{_table(table)}{remarked}<div class='plots'>{drawn}</div>"
         f"{_rank_table(rows, policies)}<h3>Failures</h3>{_gallery(rows, policies, replays)}</section>"
     )
 
@@ -147,30 +147,26 @@ def _gallery(rows: Sequence[Row], policies: Sequence[str], replays: _Replays) ->
             continue
         pictures = "".join(_thumbnail(row, replays) for row in failed[:GALLERY])
         shown = f"{len(failed)}" if len(failed) <= GALLERY else f"the first {GALLERY} of {len(failed)}"
-        parts.append(f"<h4>{_text(policy)}: {shown}</h4><div class='gallery'>{pictures}</div>")
+        parts.append(f"<h4>{escape(policy)}: {shown}</h4><div class='gallery'>{pictures}</div>")
     return "".join(parts) or "<p>None.</p>"
 
 
 def _thumbnail(row: Row, replays: _Replays) -> str:
     """Return the last moment of an episode as a small picture that opens its replay."""
-    caption = f"<b>{_text(row.outcome)}</b> {_text(row.episode)}<br>{_text(row.reason)}"
+    caption = f"<b>{escape(row.outcome)}</b> {escape(row.episode)}<br>{escape(row.reason)}"
     found = replays.add(row)
     if found is None:
         return f"<figure><figcaption>{caption}</figcaption></figure>"
     number, trace = found
     source = png_url(last_moment(trace, WIDE).quantize(32))
-    picture = f'<img alt="The last moment of {_text(row.episode)}" src="{source}">'
+    picture = f'<img alt="The last moment of {escape(row.episode)}" src="{source}">'
     button = f'<button type="button" data-replay="{number}" title="Play it">{picture}</button>'
     return f"<figure>{button}<figcaption>{caption}</figcaption></figure>"
 
 
 def _cells(tag: str, values: Iterable[object]) -> str:
-    return "<tr>" + "".join(f"<{tag}>{_text(str(value))}</{tag}>" for value in values) + "</tr>"
+    return "<tr>" + "".join(f"<{tag}>{escape(str(value))}</{tag}>" for value in values) + "</tr>"
 
 
 def _number(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else "–"
-
-
-def _text(text: str) -> str:
-    return html.escape(text)

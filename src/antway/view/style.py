@@ -160,13 +160,6 @@ def show_box(axes: Axes, grid: Grid, low: Sequence[float], high: Sequence[float]
     axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]) if grid.top_first else (low[1], high[1]))
 
 
-def width_of(axes: Axes) -> float:
-    """Return the width in inches of the figure that `axes` are in."""
-    fig = axes.get_figure()
-    assert isinstance(fig, Figure)
-    return float(fig.get_figwidth())
-
-
 def _corners(grid: Grid) -> tuple[list[float], list[float]]:
     rows, cols = grid.shape
     ends = grid.to_xy([(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)])
@@ -193,8 +186,8 @@ def graph(axes: Axes, *, below: bool = False) -> None:
 
 def legend_below(axes: Axes, columns: int = 4, more: Sequence[tuple[Artist, str]] = ()) -> Legend:
     """Put the legend under the axes, where it covers nothing, with entries `more` at its end."""
-    fig = axes.get_figure()
-    assert isinstance(fig, Figure)
+    fig = axes.get_figure(root=True)
+    assert fig is not None
     handles, labels = axes.get_legend_handles_labels()
     handles, labels = [*handles, *(handle for handle, _ in more)], [*labels, *(label for _, label in more)]
     return fig.legend(handles, labels, loc="outside lower center", ncols=min(columns, max(1, len(labels))))

@@ -21,6 +21,7 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.datastructures import MutableHeaders
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
@@ -136,9 +137,9 @@ def _with_headers(send: Send) -> Send:
 
     async def sending(message: Any) -> None:
         if message["type"] == "http.response.start":
-            given = {name.lower() for name, _ in message.get("headers", [])}
-            more = [(name.lower().encode(), text.encode()) for name, text in _HEADERS.items()]
-            message = {**message, "headers": [*message.get("headers", []), *(one for one in more if one[0] not in given)]}
+            headers = MutableHeaders(scope=message)
+            for name, text in _HEADERS.items():
+                headers.setdefault(name, text)
         await send(message)
 
     return sending
@@ -158,9 +159,25 @@ def make_app(names: frozenset[str], token: str, *, workers: Workers | None = Non
         Processes that read files and make exports for the tabs; None: the server does it.
     """
     cookie = f"antway-{zlib.crc32(token.encode()):08x}"  # a different name for each server, because cookies ignore ports
+    crossings = {
+        "token": token,
+        "policies": POLICIES,
+        "about": {name: ABOUT["policies"][name] for name in POLICIES},
+        "scenes": (*SCENES, *ROUNDS),
+        "speeds": Session.SPEEDS,
+        "parameters": [asdict(parameter) for parameter in PARAMETERS],
+    }
+    of_tours = {
+        "token": token,
+        "instances": list(tours.INSTANCES),
+        "rules": list(RULES),
+        "searches": tours.SEARCHES,
+        "persistences": tours.PERSISTENCES,
+        "speeds": tours.Tours.SPEEDS,
+    }
     pages = {
-        "/": _page("antway", "page.html", "/page.js", {**_crossing_choices(), "token": token}),
-        "/tsp": _page("Tours – antway", "tsp.html", "/tsp.js", {**_tour_choices(), "token": token}),
+        "/": _page("antway", "page.html", "/page.js", crossings),
+        "/tsp": _page("Tours – antway", "tsp.html", "/tsp.js", of_tours),
     }
     fixed = {f"/{name}": _answer(asset(name, package), name) for package, names in _FILES.items() for name in names}
 
@@ -201,28 +218,6 @@ def make_app(names: frozenset[str], token: str, *, workers: Workers | None = Non
     app = Starlette(routes=[*routes, WebSocketRoute("/live", live(Session)), WebSocketRoute("/tours", live(tours.Tours))])
     app.router.redirect_slashes = False
     return Gate(app, names, turns, {path: _written(answer) for path, answer in fixed.items()})
-
-
-def _crossing_choices() -> dict[str, object]:
-    """Return what users can choose on the page of crossings."""
-    return {
-        "policies": POLICIES,
-        "about": {name: ABOUT["policies"][name] for name in POLICIES},
-        "scenes": (*SCENES, *ROUNDS),
-        "speeds": Session.SPEEDS,
-        "parameters": [asdict(parameter) for parameter in PARAMETERS],
-    }
-
-
-def _tour_choices() -> dict[str, object]:
-    """Return what users can choose on the page of tours."""
-    return {
-        "instances": list(tours.INSTANCES),
-        "rules": list(RULES),
-        "searches": tours.SEARCHES,
-        "persistences": tours.PERSISTENCES,
-        "speeds": tours.Tours.SPEEDS,
-    }
 
 
 def _answer(text: str, name: str) -> Response:

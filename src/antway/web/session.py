@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.util import find_spec
 from itertools import pairwise
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -170,7 +171,7 @@ class Session(Tab):
             "shortest": short_rows(path),
             "stops": [stop.at for stop in scenario.stops],
             "policies": self.policies,
-            "parameters": {p.field: short(_get(scenario, p.field)) for p in PARAMETERS},
+            "parameters": {p.field: short(attrgetter(p.field)(scenario)) for p in PARAMETERS},
             "undo": self.position > 0,
             "redo": self.position + 1 < len(self.history),
         }
@@ -345,13 +346,6 @@ def _masks(history: list[Scenario]) -> list[int]:
     """Return the sizes of the different maps in `history`, bytes."""
     grids = {id(one.world.grid): one.world.grid for one in history}.values()
     return [grid.blocked.nbytes * (1 if grid.unknown is None else 2) for grid in grids]
-
-
-def _get(scenario: Scenario, name: str) -> float:
-    value: Any = scenario
-    for part in name.split("."):
-        value = getattr(value, part)
-    return float(value) if name != "seed" else value
 
 
 def _put(scenario: Scenario, name: str, value: float) -> Scenario:
