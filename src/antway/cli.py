@@ -121,8 +121,14 @@ def plan_command(
             raise BadParameter(name, value, "left out with --pareto, which searches by ants for as long as they need")
     if smooth and (robot is None or pareto):
         raise BadParameter("smooth", True, "with --robot, which says what drives, and without --pareto")
-    spec = None if robot is None else commands.robot_of(robot, radius)
-    radius = radius if spec is None else spec.radius
+    spec = None
+    if robot is not None:
+        from antway.world.robots import load_robot
+
+        if radius != 0.0:
+            raise BadParameter("radius", radius, "left out with --robot, which has its own")
+        spec = load_robot(robot)
+        radius = spec.radius
     with working("planning"):
         grid = load_map(map_file, resolution=resolution)
         if not smooth:
@@ -420,7 +426,9 @@ def ros2_command(context: typer.Context) -> int:
     return spin(["antway", *context.args])
 
 
-commands.add_to(app)
+app.command("tour")(commands.tour_command)
+app.command("tsp")(commands.tsp_command)
+app.command("tsptw")(commands.tsptw_command)
 for _command in app.registered_commands:  # the list of commands wraps these lines instead of cutting them off
     _command.short_help = (_command.callback.__doc__ or "").partition("\n")[0] if _command.callback else ""
 

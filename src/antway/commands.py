@@ -36,13 +36,6 @@ if TYPE_CHECKING:
     from antway.world.robots import RobotSpec
 
 
-def add_to(app: typer.Typer) -> None:
-    """Add the commands to `app`."""
-    app.command("tour")(tour_command)
-    app.command("tsp")(tsp_command)
-    app.command("tsptw")(tsptw_command)
-
-
 def tour_command(
     map_file: MapFile,
     start: Annotated[str, typer.Option(metavar="X,Y", help="Start in m.")],
@@ -269,15 +262,6 @@ def plan_front(
         if out is not None and len(front.paths):
             print(f"drawn in {out}")
     return status_of_search(front.status)
-
-
-def robot_of(name: str, radius: float) -> RobotSpec:
-    """Return the robot of `antway plan --robot`, which excludes a radius."""
-    from antway.world.robots import load_robot
-
-    if radius != 0.0:
-        raise BadParameter("radius", radius, "left out with --robot, which has its own")
-    return load_robot(name)
 
 
 def smooth_plan(path: Plan, grid: Grid, robot: RobotSpec, seed: int, out: Path | None, json: bool) -> int:

@@ -117,12 +117,10 @@ def pair(name: str, text: str, kind: type, also: str = "") -> tuple[Any, Any]:
     """Read "A,B" as two numbers of `kind`; errors name what is allowed `also`."""
     wanted = ("two integers ROW,COL" if kind is int else "two numbers X,Y (m)") + also
     try:
-        values = [kind(part) for part in text.split(",")]
-    except ValueError:
+        first, second = map(kind, text.split(","))
+    except ValueError:  # also for more or fewer than two
         raise BadParameter(name, text, wanted) from None
-    if len(values) != 2:
-        raise BadParameter(name, text, wanted)
-    return values[0], values[1]
+    return first, second
 
 
 @contextmanager

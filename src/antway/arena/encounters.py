@@ -37,7 +37,7 @@ def encounters() -> Suite:
 def head_on(chance: Chance) -> Scenario:
     """A disc comes from the opposite direction."""
     y, meets = chance.between(1.0, 2.0), chance.between(0.3, 0.9)
-    return _scenario("head-on", _corridor(80, 15), (1.0, 1.5), (15.0, 1.5), [(0.4, Line((15.3, y), (0.8, y), meets))])
+    return _scenario("head-on", _corridor(), (1.0, 1.5), (15.0, 1.5), [(0.4, Line((15.3, y), (0.8, y), meets))])
 
 
 def doorway(chance: Chance) -> Scenario:
@@ -55,7 +55,7 @@ def overtaking(chance: Chance) -> Scenario:
     """A slow disc goes ahead of the robot."""
     y = chance.between(1.0, 2.0)
     ahead = Line((chance.between(2.4, 4.0), y), (15.3, y), chance.between(0.1, 0.45))
-    return _scenario("overtaking", _corridor(80, 15), (1.0, 1.5), (14.0, 1.5), [(0.4, ahead)])
+    return _scenario("overtaking", _corridor(), (1.0, 1.5), (14.0, 1.5), [(0.4, ahead)])
 
 
 def ambush(chance: Chance) -> Scenario:
@@ -125,9 +125,9 @@ KINDS: dict[str, Callable[[Chance], Scenario]] = {
 }
 
 
-def _corridor(length: int, width: int) -> np.ndarray:
-    """Return an empty corridor of `length` x `width` cells whose border rows are walls."""
-    walls = np.zeros((width, length), np.bool_)
+def _corridor() -> np.ndarray:
+    """Return an empty corridor of 80 x 15 cells whose border rows are walls."""
+    walls = np.zeros((15, 80), np.bool_)
     walls[0] = walls[-1] = True
     return walls
 

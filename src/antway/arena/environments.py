@@ -114,7 +114,7 @@ def tracks(file: str) -> Suite:
             ends = (along, deep), (goal_along, 1.0 - goal_deep)  # from the lower side to the upper one
             if side % 2:
                 ends = (deep, along), (1.0 - goal_deep, goal_along)  # from left to right
-            start, goal = (_inside(low, high, *end) for end in (ends if side < 2 else ends[::-1]))
+            start, goal = map(tuple, (low + np.array(ends if side < 2 else ends[::-1]) * (high - low)).tolist())
             present = [w for w in walkers if w[0, 0] < since + 60.0 and w[-1, 0] > since]
             people = tuple(Obstacle(0.3, _walk(w, since, float(np.hypot(*(high - low))))) for w in present)
             at = World(grid, people).timeline(0, 1.0).places(np.zeros(1))[0]
@@ -228,11 +228,6 @@ def _pick(chance: Chance, cells: NDArray[np.int64]) -> Cell:
     """Return one of the cells at random."""
     row, col = cells[chance.integer(0, len(cells))].tolist()
     return row, col
-
-
-def _inside(low: NDArray[np.float64], high: NDArray[np.float64], across: float, up: float) -> XY:
-    """Return the point at these fractions of the width and height of the area from `low` to `high`, m."""
-    return float(low[0] + across * (high[0] - low[0])), float(low[1] + up * (high[1] - low[1]))
 
 
 def _content(file: str) -> str:
