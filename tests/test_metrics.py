@@ -66,9 +66,9 @@ def test_side_changes():
 def test_outcome_shares():
     """Shares count each outcome once and sum to 1."""
     outcomes = ["reached"] * 6 + ["hit-moving"] * 3 + ["timeout"]
-    assert metrics.success(outcomes) == 0.6
+    assert metrics.share(outcomes, Outcome.REACHED) == 0.6
     assert sum(metrics.share(outcomes, outcome) for outcome in Outcome) == pytest.approx(1.0)
-    assert math.isnan(metrics.success([]))
+    assert math.isnan(metrics.share([], Outcome.REACHED))
 
 
 @pytest.mark.parametrize(

@@ -77,11 +77,7 @@ Seed = Annotated[int, number_option("seed", int, "N", "Seed of every random choi
 
 def completed(table: Iterable[str]) -> Callable[[str], list[str]]:
     """Return the function for shell completion with the names of `table`."""
-
-    def offered(incomplete: str) -> list[str]:
-        return [name for name in table if name.startswith(incomplete)]
-
-    return offered
+    return lambda incomplete: [name for name in table if name.startswith(incomplete)]
 
 
 def scene_argument(metavar: str, files: str) -> Any:

@@ -112,8 +112,7 @@ class Colony:
     @property
     def best(self) -> NDArray[np.int32]:
         """The best tour told so far, int32[n]."""
-        tour: NDArray[np.int32] = self.state.bests[0].astype(np.int32)
-        return tour
+        return np.array(self.state.bests[0], np.int32)
 
     @property
     def best_cost(self) -> float:

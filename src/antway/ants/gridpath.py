@@ -53,8 +53,7 @@ class Exploration:
     @property
     def pheromone_by_cell(self) -> NDArray[np.float32]:
         """Sum of the pheromone over the moves of each cell of the window, float32[h, w]."""
-        pheromone_by_cell: NDArray[np.float32] = self.pheromone.sum(axis=2).astype(np.float32)
-        return pheromone_by_cell
+        return np.array(self.pheromone.sum(axis=2), np.float32)
 
 
 class Options(TypedDict, total=False):

@@ -133,9 +133,8 @@ class Tsp:
         """
         n = self.size
         k = min(candidates, n - 1)
-        none = np.empty((0, 0))
         xy = np.ascontiguousarray(self.xy) if self.matrix is None else np.zeros((0, 2))
-        matrix = none if self.matrix is None else np.ascontiguousarray(self.matrix)
+        matrix = np.empty((0, 0)) if self.matrix is None else np.ascontiguousarray(self.matrix)
         if k == n - 1:
             near = np.array([np.delete(np.arange(n), i) for i in range(n)])
         elif self.matrix is not None and self.xy is not None and by_quadrant:

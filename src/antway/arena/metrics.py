@@ -71,11 +71,6 @@ def side_changes(trace: Trace) -> int:
 # Measures of a policy, over rows of the results (antway.arena.store.Row) or anything with the same fields
 
 
-def success(outcomes: Sequence[str]) -> float:
-    """Return the share of episodes in which the goal was reached."""
-    return share(outcomes, Outcome.REACHED)
-
-
 def share(outcomes: Sequence[str], outcome: Outcome) -> float:
     """Return the share of episodes that ended with `outcome`."""
     return sum(one == outcome.value for one in outcomes) / len(outcomes) if outcomes else math.nan

@@ -32,9 +32,7 @@ def plan_tour_figure(tour: TourPlan, *, title: str = "") -> Figure:
     """
     task = tour.task
     visits = sum(len(route.order) for route in tour.routes)
-    timed = bool(
-        np.isfinite(task.windows).any(axis=1).any() and ((task.windows[:, 0] > 0) | np.isfinite(task.windows[:, 1])).any()
-    )
+    timed = bool((task.windows[:, 0] > 0).any() or np.isfinite(task.windows[:, 1]).any())
     scheduled = (timed or task.priorities is not None or math.isfinite(task.deadline)) and visits <= MOST_LISTED
     rows = visits + len(tour.routes) * (len(tour.routes) > 1)
     fig, axes, times, points_per_metre = stops.map_and_schedule(task.grid, rows if scheduled else None, width=7.2)
@@ -129,7 +127,7 @@ def _late(tour: TourPlan, route: Route, n: int) -> float:
 def _draw_schedule(axes: Axes, tour: TourPlan) -> None:
     """Draw for each stop its window, and when the robot arrives, waits and serves, one row a stop."""
     task, row, ticks, labels = tour.task, 0, [], []
-    last = max(1e-9, tour.duration, *(w for w in task.windows[:, 1].tolist() if math.isfinite(w)), 0.0)
+    last = max(1e-9, tour.duration, *(w for w in task.windows[:, 1].tolist() if math.isfinite(w)))
     last = min(last, 1.6 * max(tour.duration, 1e-9))
     for k, route in enumerate(tour.routes):
         colour = COLOURS[k % len(COLOURS)]
