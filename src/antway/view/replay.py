@@ -23,6 +23,7 @@ from antway.world.stops import Rounds
 from antway.world.trace import Trace
 from antway.writing import writing
 
+_SCRIPTS = ("common.js", "layers.js", "canvas.js", "replay.js")
 _IMPORT = re.compile(r"^import .*?;\n", re.MULTILINE)
 _EXPORT = re.compile(r"^export \{.*?\};\n", re.MULTILINE)
 
@@ -41,7 +42,7 @@ def replay_page(trace: Trace, *, beside: Sequence[Trace] = (), shortest: Plan | 
     its own script and style, by their hashes.
     """
     style = asset("replay.css")
-    script = "".join(_EXPORT.sub("", _IMPORT.sub("", asset(name))) for name in ("layers.js", "canvas.js", "replay.js"))
+    script = "".join(_EXPORT.sub("", _IMPORT.sub("", asset(name))) for name in _SCRIPTS)
     policy = (
         f"default-src 'none'; script-src '{digest(script)}'; style-src '{digest(style)}'; img-src data:; "
         "base-uri 'none'; form-action 'none'"

@@ -53,7 +53,7 @@ MAX_FILES = 8192  # number of sockets and files open at once, if the system allo
 
 _FILES = {  # the scripts and styles that are served, by package
     "antway.web": ("tsp.js", "page.css", "page.js", "view.js", "edit.js", "keep.js", "terms.js", "parts.js"),
-    "antway.view": ("canvas.js", "layers.js", "replay.css"),
+    "antway.view": ("canvas.js", "common.js", "layers.js", "replay.css"),
 }
 _HEADERS = {
     "Content-Security-Policy": (

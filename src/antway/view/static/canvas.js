@@ -4,6 +4,7 @@
 //   stops [{at, number, done, late}], planned [[x, y], ...], target [x, y], obstacles [{id, x, y, vx, vy, radius, sensed, focus}], and what layers.js draws:
 //   tubes, trails, pheromone, field {mask, row, col, height, width}, braking. A mask is an image whose alpha is the amount; its
 //   first row is the highest y.
+import { pointOn } from "./common.js";
 import { HORIZON, drawAmounts, drawBraking, drawSight, drawTrails, drawTubes } from "./layers.js";
 
 // `live`: known while the episode runs but not kept in its trace. `off`: not shown at first.
@@ -181,11 +182,7 @@ class Stage {
     const c = this.context;
     const [sx, sy] = this.toScreen([x, y]);
     const r = Math.max(radius * this.scale, 3 * this.unit);
-    c.beginPath();
-    c.arc(sx, sy, r, 0, 2 * Math.PI);
-    c.fillStyle = sensed ? this.colour.moving : this.colour.floor;
-    c.fill();
-    this.stroke(this.colour.moving, sensed ? 1 : 2);
+    this.disc([sx, sy], r, sensed ? this.colour.moving : this.colour.floor, this.colour.moving, sensed ? 1 : 2);
     if (focus) {
       c.beginPath();
       c.arc(sx, sy, r + 4 * this.unit, 0, 2 * Math.PI);
@@ -204,11 +201,7 @@ class Stage {
     const c = this.context;
     const [sx, sy] = this.toScreen([x, y]);
     const r = Math.max(radius * this.scale, 4 * this.unit);
-    c.beginPath();
-    c.arc(sx, sy, r, 0, 2 * Math.PI);
-    c.fillStyle = this.colour.robot;
-    c.fill();
-    this.stroke(this.colour.floor, 1.5);
+    this.disc([sx, sy], r, this.colour.robot, this.colour.floor, 1.5);
     c.beginPath();
     c.moveTo(sx, sy);
     c.lineTo(sx + r * Math.cos(heading), sy - this.up * r * Math.sin(heading));
@@ -217,13 +210,7 @@ class Stage {
 
   drawEnds({ start, goal, tolerance }) {
     const c = this.context;
-    if (start) {
-      c.beginPath();
-      c.arc(...this.toScreen(start), 5 * this.unit, 0, 2 * Math.PI);
-      c.fillStyle = this.colour.floor;
-      c.fill();
-      this.stroke(this.colour.ink, 2);
-    }
+    if (start) this.disc(this.toScreen(start), 5 * this.unit, this.colour.floor, this.colour.ink, 2);
     const [sx, sy] = this.toScreen(goal);
     const r = Math.max((tolerance ?? 0) * this.scale, 9 * this.unit);
     c.beginPath();
@@ -243,16 +230,22 @@ class Stage {
     const c = this.context;
     const [sx, sy] = this.toScreen(at);
     const colour = late ? this.colour.moving : this.colour.robot;
-    c.beginPath();
-    c.arc(sx, sy, 9 * this.unit, 0, 2 * Math.PI);
-    c.fillStyle = done ? this.colour.floor : colour;
-    c.fill();
-    this.stroke(done ? colour : this.colour.floor, 1.5);
-    c.fillStyle = done ? colour : this.colour.floor;
+    const [inside, outside] = done ? [this.colour.floor, colour] : [colour, this.colour.floor];
+    this.disc([sx, sy], 9 * this.unit, inside, outside, 1.5);
+    c.fillStyle = outside;
     c.font = `600 ${10 * this.unit}px system-ui, sans-serif`;
     c.textAlign = "center";
     c.textBaseline = "middle";
     c.fillText(String(number), sx, sy);
+  }
+
+  // A disc of radius r around a point, both in pixels of the canvas.
+  disc([x, y], r, fill, edge, width) {
+    this.context.beginPath();
+    this.context.arc(x, y, r, 0, 2 * Math.PI);
+    this.context.fillStyle = fill;
+    this.context.fill();
+    this.stroke(edge, width);
   }
 
   diamond(point) {
@@ -317,10 +310,7 @@ function alphas(mask, rows, cols) {
 function navigate(stage, changed) {
   const canvas = stage.canvas;
   const held = new Map();
-  const at = (event) => {
-    const box = canvas.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  };
+  const at = (event) => pointOn(canvas, event);
   const done = () => {
     canvas.style.touchAction = stage.zoom > 1 ? "none" : "pan-y";
     changed();

@@ -1,11 +1,11 @@
 import { HORIZON, LAYERS, Stage, navigate } from "./canvas.js";
+import { bits, boxes, byId, fixed, inNextFrame, make, save, showPlaying, themes } from "./common.js";
 
-const byId = (id) => document.getElementById(id);
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
 const SHOWN = LAYERS.filter(({ live }) => !live);
 
 // ---- episodes, unpacked ----
-const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+const bytes = (text) => bits(text).buffer;
 
 class View {
   constructor(data, canvas) {
@@ -132,11 +132,10 @@ let chosen = views[0]; // the panel shows the decisions of this one
 function canvasOf(data, i) {
   const first = byId("stage");
   if (!records.beside) return first;
-  const [view, name] = [document.createElement("div"), document.createElement("button")];
   const canvas = i ? first.cloneNode() : first;
   if (i) canvas.id = `stage-${i}`;
-  view.className = "episode";
-  Object.assign(name, { type: "button", className: "chosen", textContent: `${data.policy}: ${data.outcome.replaceAll("-", " ")}` });
+  const view = make("div", "", { className: "episode" });
+  const name = make("button", `${data.policy}: ${data.outcome.replaceAll("-", " ")}`, { type: "button", className: "chosen" });
   name.title = "Show the decisions of this episode";
   name.addEventListener("click", () => choose(views[i]));
   byId("views").append(view);
@@ -156,7 +155,6 @@ function choose(view) {
 }
 
 // ---- the page ----
-const fixed = (value, digits, unit) => (value == null || !Number.isFinite(value) ? "–" : `${value.toFixed(digits)} ${unit}`);
 const put = (id, text) => {
   const element = byId(id);
   if (element.textContent !== text) element.textContent = text;
@@ -175,11 +173,7 @@ function showDecision(decision) {
   if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
   if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
   facts.push(...(decision?.alternatives ?? []));
-  byId("facts").replaceChildren(...facts.flatMap(([name, value]) => {
-    const [term, text] = [document.createElement("dt"), document.createElement("dd")];
-    [term.textContent, text.textContent] = [name, value];
-    return [term, text];
-  }));
+  byId("facts").replaceChildren(...facts.flatMap(([name, value]) => [make("dt", name), make("dd", value)]));
 }
 
 function render() {
@@ -202,12 +196,7 @@ function render() {
   scrub.setAttribute("aria-valuetext", `${state.time.toFixed(1)} seconds, ${moment.decision?.action ?? ""}`);
 }
 
-let queued = false;
-function redraw() {
-  if (queued) return;
-  queued = true;
-  requestAnimationFrame(() => ((queued = false), render()));
-}
+const redraw = inNextFrame(render);
 
 let before = 0;
 function tick(now) {
@@ -222,8 +211,7 @@ function tick(now) {
 function setPlaying(playing) {
   if (playing && state.time >= t[last]) state.time = 0;
   state.playing = playing;
-  byId("play").setAttribute("aria-label", playing ? "Pause" : "Play");
-  byId("play").classList.toggle("playing", playing);
+  showPlaying(playing);
   byId("decision").setAttribute("aria-live", playing ? "off" : "polite");
   if (playing) {
     before = performance.now();
@@ -242,20 +230,6 @@ function setSpeed(speed) {
   byId("speed").value = String(speed);
 }
 
-function setTheme(theme) {
-  document.documentElement.dataset.theme = theme;
-  byId("theme").setAttribute("aria-pressed", String(theme === "dark"));
-  for (const { stage } of views) stage.refresh();
-  drawRibbon();
-  redraw();
-}
-
-function toggle(key) {
-  state.show[key] = !state.show[key];
-  byId(`layer-${key}`).checked = state.show[key];
-  redraw();
-}
-
 // A ribbon under the slider: one colour for each kind of action.
 function drawRibbon() {
   const canvas = byId("ribbon");
@@ -271,27 +245,19 @@ function drawRibbon() {
   }
 }
 
+const toggle = boxes(SHOWN, state.show, redraw, () => "");
+
 function build() {
   const available = {
     global: views[0].global.length > 0,
     pheromone: views.some(({ data }) => data.pheromone.length > 0),
     prediction: views.some(({ data }) => data.decisions.some((decision) => decision.predicted)),
   };
-  byId("layers").replaceChildren(...SHOWN.map(({ key, label, swatch }, i) => {
-    const row = document.createElement("label");
-    const box = document.createElement("input");
-    const mark = document.createElement("span");
-    const text = document.createElement("span");
-    Object.assign(box, { type: "checkbox", checked: true, id: `layer-${key}`, disabled: available[key] === false });
-    if (box.disabled) row.title = "This episode has none.";
-    box.addEventListener("change", () => ((state.show[key] = box.checked), redraw()));
-    mark.className = `swatch ${swatch} of-${key}`;
-    mark.setAttribute("aria-hidden", "true");
-    text.textContent = label;
-    row.title ||= `Key ${i + 1}`;
-    row.append(box, mark, text);
-    return row;
-  }));
+  for (const key in available) {
+    if (available[key]) continue;
+    byId(`layer-${key}`).disabled = true;
+    byId(`layer-${key}`).parentElement.title = "This episode has none.";
+  }
   byId("speed").replaceChildren(...SPEEDS.map((speed) => new Option(`${speed}×`, String(speed), speed === 1, speed === 1)));
   put("title", views[0].data.scenario);
   Object.assign(byId("scrub"), { min: "0", max: String(last), step: "1", value: "0" });
@@ -305,9 +271,8 @@ function listen() {
   byId("next").addEventListener("click", () => seek(nextEncounter()));
   byId("scrub").addEventListener("input", (event) => seek(Number(event.target.value)));
   byId("speed").addEventListener("change", (event) => setSpeed(Number(event.target.value)));
-  byId("theme").addEventListener("click", () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
   byId("fit").addEventListener("click", () => (views.forEach(({ stage }) => stage.fit()), redraw()));
-  byId("save").addEventListener("click", save);
+  byId("save").addEventListener("click", picture);
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
     const faster = (by) => setSpeed(SPEEDS[Math.min(SPEEDS.length - 1, Math.max(0, SPEEDS.indexOf(state.speed) + by))]);
@@ -315,10 +280,9 @@ function listen() {
     const keys = {
       " ": () => onButton || setPlaying(!state.playing), ArrowLeft: () => seek(longest.stepAt(state.time) - 1), ArrowRight: () => seek(longest.stepAt(state.time) + 1),
       Home: () => seek(0), End: () => seek(last), n: () => seek(nextEncounter()), "+": () => faster(1), "-": () => faster(-1),
-      t: () => byId("theme").click(), f: () => byId("fit").click(), s: save,
+      t: () => byId("theme").click(), f: () => byId("fit").click(), s: picture,
     };
-    const layer = SHOWN[Number(event.key) - 1];
-    const action = keys[event.key] ?? (layer && !byId(`layer-${layer.key}`).disabled ? () => toggle(layer.key) : null);
+    const action = keys[event.key] ?? toggle(Number(event.key));
     if (!action) return;
     if (!(event.key === " " && onButton)) event.preventDefault();
     action();
@@ -340,14 +304,8 @@ function nextEncounter() {
   return 0;
 }
 
-function save() {
-  chosen.stage.canvas.toBlob((blob) => {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(blob);
-    link.download = `antway-${state.time.toFixed(1)}s.png`;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-  });
+function picture() {
+  chosen.stage.canvas.toBlob((blob) => save(blob, `antway-${state.time.toFixed(1)}s.png`));
 }
 
 async function open() {
@@ -357,7 +315,11 @@ async function open() {
   const { rows, cols } = views[0].data.map;
   document.documentElement.style.setProperty("--ratio", String(rows / cols));
   choose(views[0]);
-  setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+  themes(() => {
+    for (const { stage } of views) stage.refresh();
+    drawRibbon();
+    redraw();
+  });
   setPlaying(false);
   document.body.dataset.ready = "true";
 }

@@ -1,7 +1,7 @@
 // The tools that edit the scenario: each gesture on a stage becomes one request to the server.
 // `page` gives: scene, tool, brush, size and pace of a new obstacle, request(message), obstacleAt(view, [x, y], within) -> index or
 // -1, setDone(shown), redraw(). A gesture lasts from press to release; one of waypoints lasts from the first to the last of them.
-import { pointOn } from "/parts.js";
+import { pointOn } from "/common.js";
 
 const GRAB = 16; // pixels of the page; a press this near to start or goal takes hold of it
 const mm = (xy) => xy.map((v) => Math.round(1000 * v) / 1000); // places to the millimetre, as people read them
@@ -180,15 +180,8 @@ class Editor {
   }
 
   drawWaypoints(stage, { points, xy }) {
-    const c = stage.context;
     stage.line([...points, xy, points[0]], stage.colour.moving, 1.5, [5, 4]);
-    for (const point of points) {
-      c.beginPath();
-      c.arc(...stage.toScreen(point), 5 * stage.unit, 0, 2 * Math.PI);
-      c.fillStyle = stage.colour.floor;
-      c.fill();
-      stage.stroke(stage.colour.moving, 2);
-    }
+    for (const point of points) stage.disc(stage.toScreen(point), 5 * stage.unit, stage.colour.floor, stage.colour.moving, 2);
     stage.drawObstacle({ id: "", x: points[0][0], y: points[0][1], radius: this.page.size, sensed: true, focus: true });
   }
 

@@ -1,5 +1,6 @@
 // Edits are kept in this browser, and offered when the page is opened again.
-import { byId, notice } from "/parts.js";
+import { byId } from "/common.js";
+import { notice } from "/parts.js";
 
 const KEY = "antway-edits";
 const EDITS = ["set", "paint", "move", "drop", "stop", "remove", "open", "undo", "redo"];

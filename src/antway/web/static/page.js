@@ -1,13 +1,18 @@
 import { LAYERS } from "/canvas.js";
+import { bits, boxes, byId, fixed, inNextFrame, make, save, showPlaying, themes } from "/common.js";
 import { Editor } from "/edit.js";
 import { Keeper } from "/keep.js";
 import { mark, tips } from "/terms.js";
 import { View } from "/view.js";
 import {
-  bits, boxes, busy, byId, choices, choose, connect, fixed, shadeMask, listenToKeys, make, mask, menus, notice, numberOf, refuse, save,
-  setting, showPlaying, showSettings, stemOf, takeFiles, themes, working,
+  busy, choices, choose, connect, listenToKeys, mask, menus, notice, numberOf, refuse, setting, shadeMask, showSettings, stemOf, takeFiles, working,
 } from "/parts.js";
 
+const redraw = inNextFrame((time) => {
+  const moving = page.views.map((view) => view.draw(time));
+  if (page.views.length && page.views.every((view) => view.now)) document.body.dataset.ready = "true"; // nothing moves under a finger any more
+  if (moving.includes(true)) redraw();
+});
 const page = {
   scene: null, field: null, views: [], tool: "hand", brush: 1, size: 0.3, pace: 0.5, pending: null, playing: false, speed: 1, at: 0, steps: 0,
   show: Object.fromEntries(LAYERS.map(({ key, off }) => [key, !off])),
@@ -103,18 +108,6 @@ function obstacleAt(view, [x, y], within) {
   const distance = ({ x: ox, y: oy, radius }) => Math.hypot(ox - x, oy - y) - radius;
   const near = (view.shown ?? []).filter((o) => distance(o) <= within).sort((a, b) => distance(a) - distance(b));
   return near.length ? near[0].id : -1;
-}
-
-let queued = false;
-function redraw() {
-  if (queued) return;
-  queued = true;
-  requestAnimationFrame((time) => {
-    queued = false;
-    const moving = page.views.map((view) => view.draw(time));
-    if (page.views.length && page.views.every((view) => view.now)) document.body.dataset.ready = "true"; // nothing moves under a finger any more
-    if (moving.includes(true)) redraw();
-  });
 }
 
 // ---- controls ----

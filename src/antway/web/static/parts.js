@@ -1,15 +1,12 @@
-// What the two live pages share: elements, numbers as text, packed data, files, and the connection to the server.
+// What the two live pages share: masks, settings, choosers, keys, files, and the connection to the server.
 
-const byId = (id) => document.getElementById(id);
+import { bits, byId, make, save } from "/common.js";
+
 const choices = JSON.parse(byId("choices").textContent);
-const make = (tag, text, properties = {}) => Object.assign(document.createElement(tag), { textContent: text, ...properties });
-const fixed = (value, digits, unit) => (value == null || !Number.isFinite(value) ? "–" : `${value.toFixed(digits)} ${unit}`.trim());
 const numberOf = (text) => (text === "" || !Number.isFinite(Number(text)) ? text : Number(text));
 const MOST = 4 * 2 ** 20; // bytes of files to open
 
 for (const link of document.querySelectorAll("nav a")) link.search = location.search; // the token, where the page needs one
-
-const bits = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
 
 // An image whose alpha is the amount, its first row the highest y.
 function mask(rows, cols, amount) {
@@ -98,56 +95,12 @@ function forget() {
   }
 }
 
-function save(blob, name) {
-  const link = make("a", "", { href: URL.createObjectURL(blob), download: name });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
-}
-
 // Offer `names` in the chooser `id` and select `name`; a name that is none of them, opened from a file, stands first.
 function choose(id, names, name) {
   const known = names.includes(name);
   byId(id).replaceChildren(...names.map((one) => make("option", one, { value: one })));
   if (!known) byId(id).prepend(make("option", name || "opened", { value: "", disabled: true }));
   byId(id).value = known ? name : "";
-}
-
-function showPlaying(playing) {
-  byId("play").setAttribute("aria-label", playing ? "Pause" : "Play");
-  byId("play").classList.toggle("playing", playing);
-}
-
-// Light or dark, at first as the system prefers; `changed` is called after each change. Returns the switch.
-function themes(changed) {
-  const root = document.documentElement;
-  const set = (theme) => {
-    root.dataset.theme = theme;
-    byId("theme").setAttribute("aria-pressed", String(theme === "dark"));
-    changed();
-  };
-  set(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
-  const change = () => set(root.dataset.theme === "dark" ? "light" : "dark");
-  byId("theme").addEventListener("click", change);
-  return change;
-}
-
-// A box with a legend for each of `layers`, kept in `show`, and what `beside` gives for its label; `changed` is called after each
-// change. Returns toggle(number of the key).
-function boxes(layers, show, changed, beside) {
-  const row = ({ key, label, swatch }, i) => {
-    const both = make("div", "", { className: "layer" });
-    const line = make("label", "", { title: `Key ${(i + 1) % 10}` });
-    const box = make("input", "", { type: "checkbox", id: `layer-${key}`, checked: show[key] });
-    box.addEventListener("change", () => ((show[key] = box.checked), changed()));
-    line.append(box, make("span", "", { className: `swatch ${swatch} of-${key}` }), make("span", label));
-    both.append(line, beside(label));
-    return both;
-  };
-  byId("layers").replaceChildren(...layers.map(row));
-  return (digit) => {
-    const layer = layers[(digit + 9) % 10];
-    return layer && (() => byId(`layer-${layer.key}`).click());
-  };
 }
 
 // The menu closes after a choice and where the page is pressed elsewhere. Returns what closes it.
@@ -170,12 +123,6 @@ function listenToKeys(actionOf) {
     event.preventDefault();
     action();
   });
-}
-
-// Where an event happened on an element, in pixels of the page from its upper left corner.
-function pointOn(element, event) {
-  const box = element.getBoundingClientRect();
-  return [event.clientX - box.left, event.clientY - box.top];
 }
 
 const stemOf = (name) => name.replace(/[^\w-]+/g, "-").slice(0, 60);
@@ -247,6 +194,5 @@ function takeFiles(open) {
 }
 
 export {
-  bits, boxes, busy, byId, choices, choose, connect, fixed, shadeMask, listenToKeys, make, mask, menus, notice, numberOf, pointOn, refuse, save,
-  setting, showPlaying, showSettings, stemOf, takeFiles, themes, working,
+  busy, choices, choose, connect, listenToKeys, mask, menus, notice, numberOf, refuse, setting, shadeMask, showSettings, stemOf, takeFiles, working,
 };

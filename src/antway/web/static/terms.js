@@ -1,5 +1,5 @@
 // What the words of the pages mean: shown under the pointer, and under what the keyboard is on.
-import { byId, make } from "/parts.js";
+import { byId, make } from "/common.js";
 
 const TERMS = {
   "Above the optimum": "How much longer the best tour is than the shortest there is.",

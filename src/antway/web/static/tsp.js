@@ -1,9 +1,7 @@
 // The page of tours: a colony at work on a travelling salesman problem.
+import { bits, boxes, byId, fixed, inNextFrame, make, pointOn, save, showPlaying, themes } from "/common.js";
 import { mark, tips } from "/terms.js";
-import {
-  bits, boxes, busy, byId, choices, choose, connect, fixed, listenToKeys, make, menus, notice, numberOf, pointOn, refuse, save, setting,
-  showPlaying, showSettings, stemOf, takeFiles, themes, working,
-} from "/parts.js";
+import { busy, choices, choose, connect, listenToKeys, menus, notice, numberOf, refuse, setting, showSettings, stemOf, takeFiles, working } from "/parts.js";
 
 const LAYERS = [
   { key: "trails", label: "Pheromone on edges", swatch: "line" },
@@ -213,18 +211,12 @@ function drawCurve() {
   }
 }
 
-let queued = false;
-function redraw() {
-  if (queued) return;
-  queued = true;
-  requestAnimationFrame(() => {
-    queued = false;
-    if (!state.scene) return;
-    drawMap();
-    drawCurve();
-    if (state.frame) document.body.dataset.ready = "true";
-  });
-}
+const redraw = inNextFrame(() => {
+  if (!state.scene) return;
+  drawMap();
+  drawCurve();
+  if (state.frame) document.body.dataset.ready = "true";
+});
 
 // ---- controls ----
 function build() {

@@ -1,7 +1,8 @@
 // One policy's part of the page: its stage, its card of decisions, and the record of its run.
 import { Stage, navigate } from "/canvas.js";
+import { byId, fixed, make, pointOn } from "/common.js";
 import { CYCLE, named } from "/terms.js";
-import { byId, choices, fixed, make, pointOn, shadeMask } from "/parts.js";
+import { choices, shadeMask } from "/parts.js";
 
 const CALM = ["follow", "arrived"];
 const ASIDE = ["avoid", "step-aside", "step-back"];
