@@ -81,10 +81,6 @@ def pareto(
     threads : int
         The answer is the same for any number.
 
-    Returns
-    -------
-    Front
-
     Examples
     --------
     >>> from antway import Grid

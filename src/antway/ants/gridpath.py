@@ -89,10 +89,6 @@ def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **option
     **options
         Those of `explore`.
 
-    Returns
-    -------
-    Plan
-
     Examples
     --------
     >>> from antway import Grid
@@ -167,10 +163,6 @@ def explore(
         Whether to keep the history.
     stop_at_bound : bool
         Whether to stop once the best path is proved optimal.
-
-    Returns
-    -------
-    Exploration
 
     Raises
     ------

@@ -281,10 +281,6 @@ def timed_front(
     budget : int
         Labels that ants may extend, >= 1.
 
-    Returns
-    -------
-    TimedFront
-
     Raises
     ------
     BadParameter, TooLarge

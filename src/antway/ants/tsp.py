@@ -136,10 +136,6 @@ def solve_tsp(
     cancel : threading.Event or None
         Ends the search when set; the best tour so far is returned.
 
-    Returns
-    -------
-    Tour
-
     Raises
     ------
     BadParameter

@@ -64,10 +64,6 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
     moves : Moves
         Of 4 or 8 neighbours.
 
-    Returns
-    -------
-    Routes
-
     Raises
     ------
     OutOfBounds, CellBlocked, BadParameter

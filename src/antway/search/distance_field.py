@@ -187,10 +187,6 @@ def dijkstra(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), cost
         Cost of each cell, see `antway.search.costs`. The plan is then the cheapest one; it is not marked `optimal`, which
         refers to the length.
 
-    Returns
-    -------
-    Plan
-
     Examples
     --------
     >>> dijkstra(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2))).length

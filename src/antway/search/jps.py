@@ -20,10 +20,6 @@ def jps(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
         Not used.
     budget : Budget
 
-    Returns
-    -------
-    Plan
-
     Examples
     --------
     >>> jps(Problem(Grid([[0] * 3] * 3), (0, 0), (1, 2))).cells.tolist()

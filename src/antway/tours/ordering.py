@@ -115,10 +115,6 @@ def order_stops(
     quick : bool
         Whether only local search improves `initial`, with a weak bound; this is always so with less than 0.2 s.
 
-    Returns
-    -------
-    Ordering
-
     Raises
     ------
     BadParameter, TooLarge

@@ -190,10 +190,6 @@ def plan_tour(
     initial : TourPlan or None
         An earlier tour through the same stops from which to continue; map and windows may have changed.
 
-    Returns
-    -------
-    TourPlan
-
     Raises
     ------
     BadParameter, OutOfBounds, CellBlocked, TooLarge

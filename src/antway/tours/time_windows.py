@@ -144,10 +144,6 @@ def solve_tsptw(
     cancel : threading.Event or None
         Ends the search when set; the best order so far is returned.
 
-    Returns
-    -------
-    TsptwResult
-
     Raises
     ------
     BadParameter
@@ -211,10 +207,6 @@ def load_tsptw(path: str | os.PathLike[str]) -> Tsptw:
     ----------
     path : path_like
         At most 64 MB and 1,000 nodes.
-
-    Returns
-    -------
-    Tsptw
 
     Raises
     ------

@@ -108,10 +108,6 @@ def show(record: object, *, height: int = 720, browser: bool = True) -> Page:
     browser : bool
         Whether to open the browser outside notebooks.
 
-    Returns
-    -------
-    Page
-
     Raises
     ------
     BadParameter
