@@ -273,6 +273,19 @@ def test_the_nearest_of_all_pairs_keeps_its_name_first() -> None:
     assert names(0.7, [(4.7, 1.0)]) == [b], "unseen for one scan"
 
 
+@pytest.mark.parametrize("half", [(0.0, math.nan), (math.nan, 1.0)])
+def test_half_a_velocity_is_none(half: tuple[float, float]) -> None:
+    """A track of which one axis alone is measured is estimated like one without a velocity, and stays known."""
+    found = []
+    for told in ((math.nan, math.nan), half):
+        tracker = Tracker()
+        for k in range(10):
+            tracks = Tracks([3], [[1.0 + 0.1 * k, 2.0]], [told], [0.3])
+            tracker.update(tracker.corrected(Observation(0.1 * k, (0.0, 0.0), (0.0, 0.0), 0.0, tracks)).tracks, 0.1 * k)
+        found.append(tracker.estimates.copy())
+    assert np.isfinite(found[1]).all() and np.array_equal(*found)
+
+
 @pytest.mark.parametrize("robot", ["", "diff"])
 def test_swapped_names_are_put_right(robot: str) -> None:
     """A robot whose sensor swaps names again and again is nearly as fast as one whose sensor does not."""

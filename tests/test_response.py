@@ -205,6 +205,41 @@ def test_who_accelerates_weakly_brakes_weakly_until_it_is_seen_to_brake_better()
     assert response.robot.brake_max == 1.0
 
 
+@pytest.mark.parametrize("name", ["diff", "inertia", "holonomic"])
+def test_a_robot_that_is_held_and_released_is_as_declared(name: str) -> None:
+    """After an emergency stop of ten seconds, begun at rest or while driving, the declared numbers count, and it says why."""
+    declared = load_robot(name)
+    full = Command((1.0, 0.0), (1.0, 0.0) if declared.wheels else None)
+    for begin in (0, 20):
+        response, state = Response(declared), REST
+        for k in range(160):
+            seen = Observation(0.1 * k, (state.x, state.y), (state.a, state.b), 0.0, NOBODY)
+            response.update(seen)
+            if begin + 10 <= k <= begin + 100:
+                assert response.robot is declared and "does not move" in str(response)
+            response.record(seen, full)
+            is_held = begin <= k < begin + 100
+            state = REST._replace(x=state.x) if is_held else drive_cycle(state, 1.0, 0.0, declared.limits, 0.1)
+        assert response.robot is declared and str(response) == ""
+
+
+@pytest.mark.parametrize("name", ["diff", "inertia"])
+def test_a_robot_that_is_carried_elsewhere_knows_its_place_as_well_as_before(name: str) -> None:
+    """A jump of 5 m is no error of the place that could come back, and a turn that nobody commanded no missing gyroscope."""
+    declared = load_robot(name)
+    response, state = Response(declared), REST
+    for k in range(60):
+        heading = 0.1 if k >= 30 and declared.wheels else 0.0
+        place = (state.x + 5.0 * (k >= 40), state.y)
+        velocity = (state.a * math.cos(heading), state.a * math.sin(heading))
+        seen = Observation(0.1 * k, place, velocity, heading, NOBODY)
+        response.update(seen)
+        response.record(seen, Command((1.0, 0.0), (0.5, 0.0) if declared.wheels else None))
+        state = drive_cycle(state, 0.5 if declared.wheels else 1.0, 0.0, declared.limits, 0.1)
+        assert response.spread < 0.1 and response.odometry.turn_rate is None
+    assert response.robot is declared
+
+
 def test_a_turn_rate_that_is_not_measured_is_foretold() -> None:
     """Simulators of others may leave it out of their observations, where it is 0 then."""
     response, twist = Response(DIFF), Command(twist=(0.0, 1.9))

@@ -59,7 +59,7 @@ def update(
     """
     for k in range(len(name)):
         i = row_of(table, count, NAME, float(name[k]))
-        known = not math.isnan(velocity[k, 0])
+        known = not math.isnan(velocity[k, 0] + velocity[k, 1])
         is_new, filtered = i == count, variance[k, 0] < 0.0
         if is_new or filtered:
             if is_new and count == len(table):

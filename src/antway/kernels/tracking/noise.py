@@ -56,7 +56,7 @@ def place_noise(
         if name[k] < 0:
             continue
         vx, vy, dt = velocity[k, 0], velocity[k, 1], math.nan
-        measured = not math.isnan(vx)
+        measured = not math.isnan(vx + vy)
         if not measured and state[1] == 0.0:
             state[1] = _UNSEEN
         i = row_of(rows, count, _NAME, float(name[k]))

@@ -9,7 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.records import RobotLimits, RobotState
-from antway.kernels.robot.odometry import COMPARED, HEADING, LAST_X, LAST_Y, ODOMETRY, A, B, T, X, Y, chord, middle_heading
+from antway.kernels.robot.odometry import (
+    COMPARED,
+    FORETOLD_B,
+    HEADING,
+    LAST_X,
+    LAST_Y,
+    ODOMETRY,
+    A,
+    B,
+    T,
+    X,
+    Y,
+    chord,
+    middle_heading,
+)
 from antway.kernels.robot.response import answered
 from antway.world.policy import Observation
 from antway.world.robots import RobotSpec
@@ -56,8 +70,9 @@ class Odometry:
             else:
                 now[A], now[B] = vx, vy
             self.measured, wrong = False, True
-        turned = abs(math.remainder(now[HEADING] - before[HEADING], math.tau))
-        unseen = now[B] == before[B] == 0.0 and turned > _UNSEEN
+        turned = math.remainder(now[HEADING] - before[HEADING], math.tau)
+        asked = self.table[FORETOLD_B] * (now[T] - before[T])  # without it, the place has jumped
+        unseen = now[B] == before[B] == 0.0 and abs(turned) > _UNSEEN and abs(turned - asked) < abs(asked)
         if self.wheels and self.turn_rate is None and (wrong or unseen):
             self.turn_rate, wrong = 0.0, True
         return wrong

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from antway.kernels.base.jit import entry
-from antway.kernels.robot.odometry import COLUMNS, A, B, T
+from antway.kernels.robot.odometry import COLUMNS, HEADING, A, B, T, X, Y
 from antway.kernels.robot.response import GROWS, PLACE, SLOWS, TURNS, learn
 from antway.policies.antway.odometry import Odometry
 from antway.world.policy import Command, Observation
@@ -29,6 +29,8 @@ _LEAST_SPREAD = 0.002  # m; a smaller uncertainty of the robot's place does not 
 _SHOWN = 0.01  # m; from this uncertainty on, explanations tell it
 _AT_ONCE = 8.0  # m/s^2; stands for an infinite acceleration where the robot's place is not known exactly
 _MORE = 0.05  # 1; a robot that stays at a speed though it was asked for this much more, as such a share, cannot go faster
+_CARRIED = 1.0  # m; a robot that is by so much more away from its last place than it can drive was carried or found anew
+_STILL = 0.1  # 1; a robot that measures no speed and moves by less than this share of what was commanded stands
 _KINDS = np.arange(3)  # of errors: GROWS, SLOWS and TURNS
 
 
@@ -64,7 +66,7 @@ class Response:
         self.given, self.commands, self.known = np.zeros(most), np.zeros((most, 2)), 0  # the last commands, and how many
         self.seen = np.full((most, COLUMNS), math.nan)  # the last observations
         self.spread, self.place = 0.0, np.zeros(PLACE)
-        self.odometry = Odometry(declared)
+        self.odometry, self.held = Odometry(declared), False  # `held`: does not move although it is told to
 
     def update(self, o: Observation) -> bool:
         """Learn from the robot's place and speeds; tell whether `robot` has changed."""
@@ -77,6 +79,14 @@ class Response:
             self._take_pending(o)
             return False
         self._take_pending(o)
+        if math.dist(*self.seen[-2:, X : Y + 1]) > _CARRIED + self.declared.v_max * self.declared.dt:
+            self.odometry.pause()
+            self.place[:], self.spread = 0.0, 0.0  # the new place is as certain as the first one
+            return False
+        self.held = self._held()
+        if self.held:  # it does not answer at all, so what was learnt meanwhile is wrong
+            self.error[:], self.place[:], self.spread = 0.0, 0.0, 0.0
+            return self._trust_declared()
         given, commands = self.given[len(self.given) - self.known :], self.commands[len(self.given) - self.known :]
         period = self.seen[-2], self.seen[-1], given, commands
         self.odometry.correct(period, self.robot.limits)
@@ -86,8 +96,8 @@ class Response:
         wrong = self.odometry.check(self.seen[-2], self.seen[-1])
         if wrong:  # what was learnt came from wrong speeds
             first = speed = turn = 0.0
-            self.error[:], self.used[:], self.robot = 0.0, 0, self.declared
-            self.limited, self.limits = self.declared, self.declared.limits
+            self.error[:] = 0.0
+            self._trust_declared()
         if self.odometry.turn_rate is not None:
             self.odometry.turn(period, self.robot.limits)
             self.error[TURNS] = turn = 0.0
@@ -109,6 +119,24 @@ class Response:
             self.commands[-n:] = o.pending[-n:]
             self.given[-n:] = o.t - self.declared.dt * np.arange(n, 0.0, -1.0)
             self.known = max(self.known, n)
+
+    def _held(self) -> bool:
+        """Tell whether the robot does not move although it was asked to drive for as long as the slowest answer takes."""
+        robot, (before, now) = self.declared, self.seen[-2:]
+        if self.known < len(self.given) or self.seen[:, [A, B]].any():
+            return False
+        top = robot.v_max, robot.turn_rate if robot.wheels else robot.v_max
+        asked = np.hypot(*(self.commands / top).T)
+        turned = math.remainder(now[HEADING] - before[HEADING], math.tau) if robot.wheels else 0.0
+        moved = math.hypot(math.dist(before[X : Y + 1], now[X : Y + 1]) / top[0], turned / top[1])
+        return bool(asked.min() > _MORE and moved < _STILL * asked[-1] * (now[T] - before[T]))
+
+    def _trust_declared(self) -> bool:
+        """Take the robot to be as declared; tell whether that changes anything."""
+        changed = self.robot is not self.declared
+        self.used[:], self.robot = 0, self.declared
+        self.limited, self.limits = self.declared, self.declared.limits
+        return changed
 
     def _limit(self) -> bool:
         """Take speeds at which the robot stays as its top speeds, those declared if it is faster; tell whether they change."""
@@ -172,13 +200,14 @@ class Response:
         return replace(o, pending=self.commands[len(self.commands) - late :].copy())
 
     def __str__(self) -> str:
-        """Say how the robot differs from what was declared, if its place is uncertain by 1 cm, and if its speeds are wrong."""
+        """Say how the robot differs from what was declared, if its place is uncertain by 1 cm, and what else is wrong."""
         units = {"latency": "s", "v_max": "m/s", "v_reverse": "m/s", "turn_rate": "rad/s"}
         units |= {"a_max": "m/s^2", "braking": "m/s^2", "alpha_max": "rad/s^2"}
         found = [(name, unit, getattr(self.robot, name), getattr(self.declared, name)) for name, unit in units.items()]
         differ = [f"{name} {now:.2g} in place of {was:.2g} {unit}" for name, unit, now, was in found if now != was]
         parts = [f"the robot answers with {', '.join(differ)}"] if differ else []
         parts += [f"its place is uncertain by {self.spread:.2g} m"] if self.spread >= _SHOWN else []
+        parts += ["it does not move although it is told to"] if self.held else []
         parts += [] if self.odometry.measured else ["its measured speeds do not fit its places and are not used"]
         return "; ".join(parts)
 
