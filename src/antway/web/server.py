@@ -110,8 +110,8 @@ class Gate:
             [value.decode("latin-1").lower() for key, value in scope["headers"] if key == name] for name in (b"host", b"origin")
         )
         # A browser sends the origin of every websocket, but not that of a plain GET of a page.
-        own = origins == [] if scope["type"] == "http" else False
-        own = own or (len(origins) == 1 and origins[0] in self.origins)
+        own = len(origins) == 1 and origins[0] in self.origins
+        own = own or (not origins and scope["type"] == "http")
         return own and len(hosts) == 1 and hosts[0] in self.names
 
     def at_once(self, scope: Scope) -> bytes:

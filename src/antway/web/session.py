@@ -48,27 +48,20 @@ class Parameter:
     unit: str
     low: float
     high: float
-    step: float
     meaning: str
 
 
 PARAMETERS = (
     Parameter(
-        "seed",
-        "Seed",
-        "",
-        0,
-        2**32 - 1,
-        1,
-        "Draws where obstacles start and how fast they are; the same seed gives the same run.",
+        "seed", "Seed", "", 0, 2**32 - 1, "Draws where obstacles start and how fast they are; the same seed gives the same run."
     ),
-    Parameter("robot.radius", "Robot's radius", "m", 0.05, 2.0, 0.05, "Half the robot's width."),
-    Parameter("robot.v_max", "Robot's top speed", "m/s", 0.1, 5.0, 0.1, "The robot never drives faster."),
-    Parameter("robot.sensor_range", "Sensed range", "m", 0.5, 50.0, 0.5, "How far the robot senses what moves."),
-    Parameter("sensor.noise", "Sensor's noise", "m", 0.0, 1.0, 0.01, "Standard deviation of the positions it measures."),
-    Parameter("sensor.dropout", "Missed obstacles", "", 0.0, 0.9, 0.05, "Share of the scans that miss an obstacle."),
-    Parameter("obstacle_speed", "Fastest obstacle", "m/s", 0.1, 5.0, 0.1, "The bound on their speed that the guard relies on."),
-    Parameter("horizon", "Time limit", "s", 1.0, 600.0, 1.0, "The run ends after this time at the latest."),
+    Parameter("robot.radius", "Robot's radius", "m", 0.05, 2.0, "Half the robot's width."),
+    Parameter("robot.v_max", "Robot's top speed", "m/s", 0.1, 5.0, "The robot never drives faster."),
+    Parameter("robot.sensor_range", "Sensed range", "m", 0.5, 50.0, "How far the robot senses what moves."),
+    Parameter("sensor.noise", "Sensor's noise", "m", 0.0, 1.0, "Standard deviation of the positions it measures."),
+    Parameter("sensor.dropout", "Missed obstacles", "", 0.0, 0.9, "Share of the scans that miss an obstacle."),
+    Parameter("obstacle_speed", "Fastest obstacle", "m/s", 0.1, 5.0, "The bound on their speed that the guard relies on."),
+    Parameter("horizon", "Time limit", "s", 1.0, 600.0, "The run ends after this time at the latest."),
 )
 
 

@@ -4,7 +4,7 @@
 //   stops [{at, number, done, late}], planned [[x, y], ...], target [x, y], obstacles [{id, x, y, vx, vy, radius, sensed, focus}], and what layers.js draws:
 //   tubes, trails, pheromone, field {mask, row, col, height, width}, braking. A mask is an image whose alpha is the amount; its
 //   first row is the highest y.
-import { pointOn } from "./common.js";
+import { make, pointOn } from "./common.js";
 import { HORIZON, drawAmounts, drawBraking, drawSight, drawTrails, drawTubes } from "./layers.js";
 
 // `live`: known while the episode runs but not kept in its trace. `off`: not shown at first.
@@ -284,8 +284,7 @@ class Stage {
     let tint = this.tints.get(mask);
     if (!tint) {
       if (this.tints.size > 64) this.tints.clear();
-      tint = document.createElement("canvas");
-      [tint.width, tint.height] = [mask.naturalWidth || mask.width, mask.naturalHeight || mask.height];
+      tint = make("canvas", "", { width: mask.naturalWidth || mask.width, height: mask.naturalHeight || mask.height });
       const c = tint.getContext("2d");
       c.drawImage(mask, 0, 0);
       c.globalCompositeOperation = "source-in";
@@ -299,9 +298,7 @@ class Stage {
 
 // The red, green, blue and alpha of a mask of rows x cols.
 function alphas(mask, rows, cols) {
-  const copy = document.createElement("canvas");
-  [copy.width, copy.height] = [cols, rows];
-  const c = copy.getContext("2d", { willReadFrequently: true });
+  const c = make("canvas", "", { width: cols, height: rows }).getContext("2d", { willReadFrequently: true });
   c.drawImage(mask, 0, 0);
   return c.getImageData(0, 0, cols, rows).data;
 }
