@@ -288,7 +288,8 @@ def _finished(task: TourTask, free: Grid, cells: list[Cell], ordering: Ordering,
 def _route(task: TourTask, free: Grid, cells: list[Cell], order: NDArray[np.int32], arrival: Floats, waiting: Floats) -> Route:
     """Return the route along `order`, whose stops are numbered as `cells`, with both ends."""
     rows = order.tolist()
-    legs = tuple(_leg(free, cells[a], cells[b], task) for a, b in pairwise(rows))
+    problems = [Problem(free, cells[a], cells[b], task.moves) for a, b in pairwise(rows)]
+    legs = tuple(solve(one, "jps") if task.costs is None else astar(one, costs=task.costs) for one in problems)
     inner = np.array([k for k, row in enumerate(rows) if 0 < row <= len(task.stops)], dtype=np.int64)
     last = int(rows[-1])
     stays = float(task.service[last - 1]) if 0 < last <= len(task.stops) else 0.0
@@ -300,9 +301,3 @@ def _route(task: TourTask, free: Grid, cells: list[Cell], order: NDArray[np.int3
         math.fsum(one.length for one in legs),
         float(arrival[-1] + waiting[-1]) + stays,
     )
-
-
-def _leg(free: Grid, source: Cell, target: Cell, task: TourTask) -> Plan:
-    """Return the shortest path of a leg, or the cheapest where the task has costs."""
-    problem = Problem(free, source, target, task.moves)
-    return solve(problem, "jps") if task.costs is None else astar(problem, costs=task.costs)

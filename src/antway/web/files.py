@@ -31,6 +31,7 @@ MAX_BYTES = 4 * 2**20  # limit of all files together, unpacked
 MAX_FILES = 8
 MAX_OBSTACLES = 200
 MAX_LINK = 30_000  # limit of characters of a link
+EXPORTS = ("trace", "replay", "gif")
 LIMITS = Limits(cells=2**20, file_bytes=MAX_BYTES)
 _PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # other methods may need gigabytes of memory to unpack
 _SPOILT = (zipfile.BadZipFile, zlib.error, struct.error, NotImplementedError, RuntimeError, EOFError, OSError, ValueError)
@@ -175,34 +176,21 @@ def scenario_file(scenario: Scenario) -> dict[str, Any]:
     return as_file(f"{stem(scenario.name)}.zip", "application/zip", _zipped(scenario))
 
 
-def trace_file(trace: Trace) -> dict[str, Any]:
-    """Return the trace as a file."""
-    return as_file(_run_name(trace, ".json"), "application/json", to_json(trace))
-
-
-def replay_file(trace: Trace) -> dict[str, Any]:
-    """Return the replay page of a trace as a file."""
+def exported(what: str, trace: Trace) -> dict[str, Any]:
+    """Return a trace, its replay page or its animation (`what` is one of `EXPORTS`) as a file."""
+    from antway.view.animation import write_animation
     from antway.view.figures import shortest
     from antway.view.replay import replay_page
 
-    return as_file(_run_name(trace, ".html"), "text/html", replay_page(trace, shortest=shortest(trace.task)))
-
-
-def gif_file(trace: Trace) -> dict[str, Any]:
-    """Return an animation of a trace as a file."""
-    from antway.view.animation import write_animation
-    from antway.view.figures import shortest
-
+    name = f"{stem(trace.scenario)}-{trace.policy}"
+    if what == "trace":
+        return as_file(f"{name}.json", "application/json", to_json(trace))
+    path = shortest(trace.task)
+    if what == "replay":
+        return as_file(f"{name}.html", "text/html", replay_page(trace, shortest=path))
     with tempfile.TemporaryDirectory(prefix="antway-") as folder:
-        data = write_animation(trace, Path(folder) / "run.gif", shortest=shortest(trace.task)).read_bytes()
-    return as_file(_run_name(trace, ".gif"), "image/gif", data)
-
-
-def _run_name(trace: Trace, suffix: str) -> str:
-    return f"{stem(trace.scenario)}-{trace.policy}{suffix}"
-
-
-EXPORTS = {"trace": trace_file, "replay": replay_file, "gif": gif_file}
+        data = write_animation(trace, Path(folder) / "run.gif", shortest=path).read_bytes()
+    return as_file(f"{name}.gif", "image/gif", data)
 
 
 def kept(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:

@@ -41,7 +41,7 @@ def _upload(files: object) -> object:
 
 
 def _export(what: str, scenario: Any, policy: str) -> object:
-    from antway.web.files import EXPORTS
+    from antway.web.files import exported
     from antway.world.episode import Episode
 
     episode = Episode(scenario, policy)
@@ -49,7 +49,7 @@ def _export(what: str, scenario: Any, policy: str) -> object:
         episode.step()
     trace = episode.result().trace
     assert trace is not None
-    return EXPORTS[what](trace)
+    return exported(what, trace)
 
 
 def _instance(data: bytes, name: str) -> object:
