@@ -187,7 +187,7 @@ def alternatives(
     def new_path(dearer: float) -> NDArray[np.uint8] | None:
         """Return the shortest new path of a cycle."""
         cost = 1.0 + dearer * sum((zone.astype(float) for zone in near), np.zeros(graph.distance.size))
-        value = mixed.costs_to_go(cost, 0.0)
+        value = kernel.costs_to_go(graph.for_kernels, cost, 0.0)
         found, longest = None, path_ratio * graph.bound * (1 + 1e-9)
         for beta in KEEN:
             mixed.walk(value, 0.0, beta)
@@ -235,12 +235,8 @@ class Mixed:
         self.walkers = Ants(self.graph, self._ants, int(8 * bound) + 64, threads=self._threads)
         return Status.FOUND
 
-    def costs_to_go(self, cost: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
-        """Return the result of `kernels.colony.grid_walk.costs_to_go` on this graph."""
-        return kernel.costs_to_go(self.graph.for_kernels, cost, turn)
-
     def walk(self, value: NDArray[np.float64], turn: float, beta: float) -> bool:
-        """Let the ants walk by the costs from `costs_to_go`; tell whether any ant arrived."""
+        """Let the ants walk by the costs from `kernels.colony.grid_walk.costs_to_go`; tell whether any ant arrived."""
         heading = np.full((9, 8), max(math.exp(-beta * turn), 1e-5), dtype=np.float32)
         heading[range(8), range(8)] = heading[8] = 1.0
         self.walkers.walk(kernel.weights_by_cost(value, beta), self.seed, self._walked, self.clock, turn=heading)
@@ -273,7 +269,7 @@ class _Archive:
 def _weightings(
     mixed: Mixed, archive: _Archive, names: Sequence[str], clearance: NDArray[np.float64], danger: NDArray[np.float64]
 ) -> list[tuple[NDArray[np.float64], float]]:
-    """Return the costs of each weighting as from `Mixed.costs_to_go`, and the cost of a turn in it.
+    """Return the costs to go of each weighting, and the cost of a turn in it.
 
     Turns and exposure cost a number of cells of length. These rates are spread around the exchange rate between the ends of the
     front, the paths that are best by length or by one other objective alone. Clearance is a constraint: less than a level costs
@@ -281,7 +277,8 @@ def _weightings(
     """
 
     def aim(turn: float, exposure: float, level: float) -> tuple[NDArray[np.float64], float]:
-        return mixed.costs_to_go(1.0 + exposure * danger + PURE * (clearance < level), turn), turn
+        cost = 1.0 + exposure * danger + PURE * (clearance < level)
+        return kernel.costs_to_go(graph.for_kernels, cost, turn), turn
 
     graph = mixed.graph
     widest = min(clearance[graph.start], clearance[graph.goal])
