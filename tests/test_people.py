@@ -273,6 +273,21 @@ def test_the_nearest_of_all_pairs_keeps_its_name_first() -> None:
     assert names(0.7, [(4.7, 1.0)]) == [b], "unseen for one scan"
 
 
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("place", [0, -1])
+def test_of_hundreds_of_obstacles_the_nearest_count(place: int, mode: str) -> None:
+    """One that stands in the way of the robot is known, wherever it is listed among 350 without velocities."""
+    rng = np.random.default_rng(0)
+    xy = np.column_stack((rng.uniform(1.0, 39.0, 350), rng.uniform(26.0, 39.0, 350)))
+    xy[place] = 8.0, 20.0
+    policy = AntwayPolicy(mode=mode)
+    policy.reset(Task(Grid(np.zeros((160, 160), bool), 0.25), RobotSpec(), (5.0, 20.0), (12.0, 20.0)), 0)
+    tracks = Tracks(np.arange(350), xy, np.full((350, 2), math.nan), np.full(350, 0.5))
+    for k in range(3):
+        policy.act(Observation(0.1 * k, (5.0, 20.0), (0.0, 0.0), 0.0, tracks))
+        assert tracks.id[place] in policy.state.tracker.estimates[:, NAME]
+
+
 @pytest.mark.parametrize("half", [(0.0, math.nan), (math.nan, 1.0)])
 def test_half_a_velocity_is_none(half: tuple[float, float]) -> None:
     """A track of which one axis alone is measured is estimated like one without a velocity, and stays known."""

@@ -178,6 +178,14 @@ def test_nameless_tracks_are_told_apart_by_nearness() -> None:
         assert len(tracker.update(t, Tracks.none())) == left
 
 
+def test_of_more_discs_than_it_can_follow_it_follows_the_nearest() -> None:
+    """Those around the robot, wherever they are listed."""
+    xy = np.column_stack((np.arange(400.0), np.zeros(400)))
+    for at in (0.0, 200.0, 399.0):
+        found = Tracker().update(0.0, nameless((xy, np.full(400, 0.3))), (at, 0.0))
+        assert len(found) == 128 and np.abs(found.xy[:, 0] - at).max() <= 128.0
+
+
 def test_numbers_that_are_missing_or_occur_twice_are_replaced() -> None:
     """Whoever has a number of his own keeps it, and the others get numbers that nobody has."""
     tracker, xy, velocity, radius = (

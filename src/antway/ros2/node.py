@@ -271,7 +271,9 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             if len(names) > 1:
                 raise BadParameter("header.frame_id", sorted(names), "the same throughout a message")
             frame = self._frame(names.pop()) if names else frames.HERE
-            return t, self.tracker.update(t, frames.move_tracks(frame, tracks))
+            return t, self.tracker.update(
+                t, frames.move_tracks(frame, tracks), self.pilot.odometry.xy if self.pilot.odometry else (0.0, 0.0)
+            )
 
         found = self._read("obstacles", read, message)
         if found is not None:
@@ -296,7 +298,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             pose = frames.chain(frames.between(self.trail, stamp), mount)
             points = off_the_map(read_points(message, settings.scan_valid), pose, grid, settings.scan_clear)
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
-            return stamp, self.tracker.update(stamp, nameless(places))
+            return stamp, self.tracker.update(stamp, nameless(places), pose[:2])
 
         found = self._read("scan", read, reached)
         if found is not None:

@@ -15,9 +15,9 @@ from antway.grid import Grid
 from antway.kernels.tracking import kalman
 from antway.kernels.tracking.predict import RADIUS, SIGMA, SIGMA_V
 from antway.limits import MAX_ANGLE, MAX_PLACE
-from antway.policies.antway.tracker import names_of, with_names
+from antway.policies.antway.tracker import MOST_ROWS, names_of, nearest, with_names
 from antway.ros2.frames import Pose, move
-from antway.world.policy import Tracks
+from antway.world.policy import XY, Tracks
 
 _ROUND = 0.03  # m; tolerance for points on a circle
 Discs = tuple[NDArray[np.float64], NDArray[np.float64]]  # centres, float64[N, 2] in m; radii, float64[N] in m
@@ -157,17 +157,20 @@ class Tracker:
 
     def __init__(self, noise: float = 0.05, agility: float = 1.0) -> None:
         self.noise, self.agility = noise, agility
-        self.table, self.estimates = np.zeros((256, kalman.COLUMNS)), np.zeros((256, 8))
+        self.table, self.estimates = np.zeros((MOST_ROWS, kalman.COLUMNS)), np.zeros((MOST_ROWS, 8))
         self.count, self.next_name, self.t = 0, 0, -math.inf
 
-    def update(self, t: float, seen: Tracks) -> Tracks:
+    def update(self, t: float, seen: Tracks, xy: XY = (0.0, 0.0)) -> Tracks:
         """Update with the tracks seen at `t` s; return all tracks that should be there at `t`. If time goes back, restart.
 
-        Complete tracks are returned unchanged. Tracks without a name (with the id -1, or an id that occurs twice) get one.
+        Of too many, those nearest to the robot at `xy` m are followed. Complete tracks are returned unchanged. Tracks without a
+        name (with the id -1, or an id that occurs twice) get one.
         """
         seen = seen.distinct()
         if len(seen) and seen.id.min() >= 0 and not np.isnan(seen.velocity).any():
             return seen
+        if len(seen) > len(self.table):
+            seen = nearest(seen, xy)
         if t < self.t:
             self.count = 0
         self.t = t

@@ -12,7 +12,7 @@ from antway.kernels.base.jit import entry
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import averages, bounces, kalman, noise, reported, turns
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
-from antway.world.policy import Observation, Tracks
+from antway.world.policy import XY, Observation, Tracks
 
 ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
@@ -55,6 +55,8 @@ class Tracker:
     def corrected(self, seen: Observation) -> Observation:
         """Return the observation with a name for each track (`with_names`), and without velocities that are wrong."""
         t = seen.sensed_at
+        if len(seen.tracks) > MOST_ROWS:
+            seen = replace(seen, tracks=nearest(seen.tracks, seen.xy))
         tracks, self._next_name = with_names(seen.tracks, t, self.table[: self.count], self._next_name)
         if tracks.covariance is None:
             wrong = reported.wrong(self._last, self._errors, t, tracks.id, tracks.xy, tracks.velocity)
@@ -136,7 +138,7 @@ class Tracker:
     def _with_noise(self, seen: Observation) -> Observation:
         n = len(seen.tracks)
         covariance = np.zeros((n, 4, 4))
-        covariance[:, 0, 0] = covariance[:, 1, 1] = self._variance[:n, 0]
+        covariance[:, 0, 0] = covariance[:, 1, 1] = self._variance[0, 0]  # that of all tracks
         return replace(seen, tracks=replace(seen.tracks, covariance=covariance))
 
     def _as_estimated(self, seen: Observation) -> Observation:
@@ -147,6 +149,13 @@ class Tracker:
         covariance[:, 0, 0] = covariance[:, 1, 1] = e[:, SIGMA] ** 2
         covariance[:, 2, 2] = covariance[:, 3, 3] = e[:, SIGMA_V] ** 2
         return replace(seen, tracks=Tracks(names_of(e), e[:, :2], velocity, e[:, RADIUS], covariance))
+
+
+def nearest(tracks: Tracks, xy: XY) -> Tracks:
+    """Return the tracks nearest to the place `xy`, m, in their order: half of MOST_ROWS, as tables hold lost tracks besides."""
+    at = np.sort(np.argsort(np.hypot(*(tracks.xy - xy).T), kind="stable")[: MOST_ROWS // 2])
+    covariance = None if tracks.covariance is None else tracks.covariance[at]
+    return Tracks(tracks.id[at], tracks.xy[at], tracks.velocity[at], tracks.radius[at], covariance)
 
 
 def names_of(estimates: NDArray[np.float64]) -> NDArray[np.int64]:
