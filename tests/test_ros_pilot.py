@@ -650,3 +650,10 @@ def test_the_guards_process_sends_what_the_pilot_says():
             answer = guarded.receive_odometry(Odometry(t, xy, (0.0, 0.0), 0.0), t)
             assert not answer.drives and "guard's process" in answer.reason
             guarded.policy = None  # and it cannot set out either
+        wheels = Pilot(settings(**{"robot.drive": "differential", "yaw_tolerance": 0.1}), guard)
+        wheels.receive_map(ROOM)
+        wheels.go(Goal((9.0, 6.0), yaw=2.0))
+        for k in range(2):
+            wheels.scan = (t + 0.1 * k, NOBODY)
+            answer = wheels.receive_odometry(Odometry(t + 0.1 * k, (9.0, 6.0), (0.0, 0.0), 0.0), t)
+            assert not answer.drives and "cannot turn" in answer.reason

@@ -304,16 +304,18 @@ class Pilot:
             return self._wait(t, WARN, "waiting for a map and obstacles before it turns")
         seen = self._seen(odometry, 0.0, (min(self.scan[0], t), self.scan[1]))
         _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), odometry.heading, settings.robot)
-        self.waiting_since = math.nan
         if self.guard is None:
             self.progress = (t, odometry.xy)
             there = move_point(inverse(self.frame), goal.xy)
             task = Task(self.grid, settings.robot, seen.xy, there, **settings.task)
+            try:
+                if self.guard_process is not None:
+                    self.guard_process.reset(task)
+            except BadInput as wrong:
+                return self._wait(t, ERROR, f"the robot cannot turn: {wrong}")
             self.guard = Guard()
             self.guard.reset(task)
-            if self.guard_process is not None:
-                self.guard_process.reset(task)
-        guard = self.guard
+        guard, self.waiting_since = self.guard, math.nan
         if goal.gives_up and t - self.progress[0] > settings.progress_time + math.pi / settings.robot.turn_rate:
             return self.drop(f"it cannot turn to the goal's yaw {goal.yaw:.2f} rad", End.STUCK, ERROR)
         found = self._passed(lambda seen: guard.limit(seen, Command(twist=(0.0, rate))), seen, t)
