@@ -32,10 +32,6 @@ def added(cycles: int) -> None:
     with GuardProcess(scenario.task, mode="strict") as guard:
         link = Link(guard.folder, "planner")
         for _ in range(cycles):
-            if stage.n >= stage.steps - 1:
-                policy.reset(scenario.task, 0)
-                guard.reset(scenario.task)
-                stage = Stage(scenario, 0, scenario.horizon)
             seen = stage.observe()
             number = guard.observe(seen)
             cpu, started = time.thread_time(), time.perf_counter()
@@ -51,7 +47,10 @@ def added(cycles: int) -> None:
             answers.append(time.perf_counter() - asked)
             alone.append(planned - read)
             extra.append(read - started + asked - planned)
-            stage.drive(*stage.controls(answer.command, seen))
+            if stage.drive(*stage.controls(answer.command, seen))[0]:  # it is at the goal
+                policy.reset(scenario.task, 0)
+                guard.reset(scenario.task)
+                stage = Stage(scenario, 0, scenario.horizon)
         link.close()
     lines = {
         "a cycle of the policy alone": alone,
