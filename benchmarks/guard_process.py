@@ -1,8 +1,8 @@
 """The guard in a process of its own: what it adds to a planner's cycle, how soon it answers, and drives whose planner ends.
 
-Run as `python benchmarks/guard_process.py [--drives N] [--cycles N]`. Prints three lines. In each drive a planner is killed or
-stopped a random time after a random observation; the drive counts as held if every later answer brakes and comes within one
-control period, the robot comes to a stand, and nothing touches it while it moves.
+Run as `python benchmarks/guard_process.py [--drives N] [--cycles N]`. In each drive a planner is killed or stopped a
+random time after a random observation; the drive counts as held if every later answer brakes, the robot comes to a stand, and
+nothing touches it while it moves. Drives with an answer later than one control period are counted apart.
 """
 
 from __future__ import annotations
