@@ -70,12 +70,17 @@ class Odometry:
             else:
                 now[A], now[B] = vx, vy
             self.measured, wrong = False, True
-        turned = math.remainder(now[HEADING] - before[HEADING], math.tau)
-        asked = self.table[FORETOLD_B] * (now[T] - before[T])  # without it, the place has jumped
-        unseen = now[B] == before[B] == 0.0 and abs(turned) > _UNSEEN and abs(turned - asked) < abs(asked)
-        if self.wheels and self.turn_rate is None and (wrong or unseen):
+        if self.wheels and self.turn_rate is None and (wrong or self._turns_unseen(before, now)):
             self.turn_rate, wrong = 0.0, True
         return wrong
+
+    def _turns_unseen(self, before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
+        """Tell whether the robot turned as it was told to without measuring a turn rate; if otherwise, its place has jumped."""
+        if now[B] != 0.0 or before[B] != 0.0:
+            return False
+        turned = math.remainder(now[HEADING] - before[HEADING], math.tau)
+        asked = self.table[FORETOLD_B] * (now[T] - before[T])
+        return bool(abs(turned) > _UNSEEN and abs(turned - asked) < abs(asked))
 
     def correct(self, period: Period, limits: RobotLimits) -> None:
         """Take the speeds that are foretold for measured ones, and how much farther the robot came in this cycle than foretold.

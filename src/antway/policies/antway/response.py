@@ -71,19 +71,20 @@ class Response:
     def update(self, o: Observation) -> bool:
         """Learn from the robot's place and speeds; tell whether `robot` has changed."""
         speeds = (o.speed, o.turn_rate) if self.declared.wheels else o.velocity
+        before = self.seen[-1].tolist()
         self.seen[:-1] = self.seen[1:]
         self.seen[-1] = o.t, *o.xy, o.heading, *speeds
-        if not (self.seen[-2, T] < o.t <= self.seen[-2, T] + _GAP * self.declared.dt):
+        if not (before[T] < o.t <= before[T] + _GAP * self.declared.dt):
             self.odometry.pause()
             self.known = 0
             self._take_pending(o)
             return False
         self._take_pending(o)
-        if math.dist(*self.seen[-2:, X : Y + 1]) > _CARRIED + self.declared.v_max * self.declared.dt:
+        if math.dist(o.xy, before[X : Y + 1]) > _CARRIED + self.declared.v_max * self.declared.dt:
             self.odometry.pause()
             self.place[:], self.spread = 0.0, 0.0  # the new place is as certain as the first one
             return False
-        self.held = self._held()
+        self.held = not any(speeds) and self._held()
         if self.held:  # it does not answer at all, so what was learnt meanwhile is wrong
             self.error[:], self.place[:], self.spread = 0.0, 0.0, 0.0
             return self._trust_declared()

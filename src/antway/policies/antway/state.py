@@ -207,7 +207,7 @@ def most_segments(tracks: int) -> int:
 def fit_tables(s: State, tracks: int) -> None:
     """Make the tables of tracks longer, up to MOST_ROWS, if the `tracks` of a scan and all known before might not fit."""
     tracker = s.tracker
-    needed = max(tracker.count, tracker.averages_count, int(s.crowd.counts.max())) + tracks
+    needed = max(tracker.count, tracker.averages_count, *s.crowd.counts.tolist()) + tracks
     n = min(2 * needed, MOST_ROWS)
     if needed <= len(tracker.table) or n <= len(tracker.table):
         return
