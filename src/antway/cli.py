@@ -74,7 +74,7 @@ PolicyName = Annotated[
 def top(context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
     """Plan paths for robots, and drive them among moving obstacles.
 
-    Exit status: 0 done, 1 a policy raised an error, 2 wrong input, 3 no path, 4 out of time, 5 contact.
+    Exit status: 0 done, 1 a policy raised an error, 2 wrong input, 3 no path, 4 out of time, 5 contact, 130 interrupted.
     """
     if version:
         from antway.version import __version__
