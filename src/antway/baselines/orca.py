@@ -45,6 +45,8 @@ class Orca(Follow):
     are those of Chen, Liu, Kreiss, Alahi: Crowd-robot interaction, ICRA 2019.
     """
 
+    name = "orca"
+
     def __init__(
         self, *, horizon: float = 5.0, wall_horizon: float = 0.5, margin: float = 0.01, look_ahead: float = 2.0
     ) -> None:
@@ -55,8 +57,7 @@ class Orca(Follow):
         try:
             from pyrvo import RVOSimulator
         except ImportError:
-            name = "nh-orca" if isinstance(self, NhOrca) else "orca"
-            raise BadParameter("policy", name, "another, or install pyrvo (the extra `arena`)") from None
+            raise BadParameter("policy", self.name, "another, or install pyrvo (the extra `arena`)") from None
         self.simulator = RVOSimulator
 
     def reset(self, task: Task, seed: int) -> None:
@@ -127,6 +128,8 @@ class NhOrca(Orca):
     Alonso-Mora, Breitenmoser, Rufli, Beardsley, Siegwart: Optimal reciprocal collision avoidance for multiple non-holonomic
     robots, DARS 2010, eqs. 3 to 7; the velocity of the linear program is slowed down to be in the set of allowed ones.
     """
+
+    name = "nh-orca"
 
     def __init__(
         self,

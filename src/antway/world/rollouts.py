@@ -48,11 +48,17 @@ def commanded(one: float, two: float, heading: float, robot: RobotSpec) -> Comma
 
 
 def acting(o: Observation, robot: RobotSpec) -> tuple[float, Observation, RobotState]:
-    """Return the time in s until a command given now acts, and the observation and the robot's state at that time."""
+    """Return the time in s until a command given now acts, and what is observed then, with the scan of now, and the state."""
     state = o.state_at_action(robot)
     if robot.latency == 0.0 or o.pending is None:
         return 0.0, o, state
-    return robot.latency, replace(o, t=o.t + robot.latency, xy=state[:2]), state
+    x, y, heading, one, two = state
+    velocity, turn_rate = (one, two), o.turn_rate
+    if robot.wheels:
+        velocity, turn_rate = (one * math.cos(heading), one * math.sin(heading)), two
+    t, place = o.t + robot.latency, (x, y)
+    then = replace(o, t=t, stamp=o.sensed_at, xy=place, velocity=velocity, heading=heading, turn_rate=turn_rate)
+    return robot.latency, then, state
 
 
 def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64], goal: XY, tolerance: float) -> StaticField:

@@ -140,11 +140,7 @@ class PaperPolicy:
         """
         observation = check_observation(observation)
         self.here = observation.xy
-        _, then, (_, _, heading, one, two) = acting(observation, self.spec)
-        if then is not observation:  # a command acts on the robot as it will be then
-            velocity = (one * math.cos(heading), one * math.sin(heading)) if self.spec.wheels else (one, two)
-            then = replace(then, stamp=observation.sensed_at, heading=heading, velocity=velocity)
-        command = self._steer(then)
+        command = self._steer(acting(observation, self.spec)[1])
         if self.guard is not None:
             command = self.guard.passed(observation, command)
             if self.guard.did != self.decision.guard:
