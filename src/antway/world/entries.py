@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.world.motions import Replay, Trajectory
+from antway.world.motions import Replay, place_at
 from antway.world.policy import Task
-from antway.world.timeline import Timeline
+from antway.world.timeline import Timeline, Trajectory
 from antway.world.world import World
 
 NEAR = 1.0  # m; a person who appears at a smaller distance of centres from the robot is absent at first
@@ -36,23 +35,19 @@ class Entries:
 
     def update(self, i: int, robot: tuple[float, float], line: Timeline) -> Timeline:
         """Return the timeline for control period i, at the start of which the robot is at `robot` (m)."""
-        t, here, changed = i * self.task.robot.dt, np.array(robot), dict[int, Trajectory]()
-        for k in list(self.absent):
-            trajectory = self._return(k, t, here, line)
-            if trajectory is not None:
-                changed[k] = trajectory
+        t, here = i * self.task.robot.dt, np.array(robot)
+        found = {k: self._return(k, t, here, line) for k in list(self.absent)}
         while self.due and self.due[0][0] <= t + 1e-9:
             _, k = self.due.pop(0)
-            trajectory = self._leave(k, t, here, line)
-            if trajectory is not None:
-                changed[k] = trajectory
-        return _with_trajectories(line, changed) if changed else line
+            found[k] = self._leave(k, t, here, line)
+        changed = {k: trajectory for k, trajectory in found.items() if trajectory is not None}
+        return line.changed(changed) if changed else line
 
     def _return(self, k: int, t: float, here: Place, line: Timeline) -> Trajectory | None:
         """Return the trajectory of an absent person who comes back in the control period from time t; None if too near."""
         (recorded_t, recorded_xy), robot = self.motions[k].arrays, self.task.robot
         end = t + robot.dt - _INSTANT  # before the next scan
-        offset = _place(recorded_t, recorded_xy, end) - here
+        offset = place_at((recorded_t, recorded_xy), end) - here
         if math.hypot(*offset) <= max(NEAR, robot.radius + float(line.radius[k])) + robot.v_max * robot.dt:
             return None
         far = self.absent.pop(k)
@@ -64,21 +59,16 @@ class Entries:
 
     def _leave(self, k: int, t: float, here: Place, line: Timeline) -> Trajectory | None:
         """Return the trajectory of a person who would appear next to the robot at time t and leaves; None for any other."""
-        knot_t, xy = line.trajectory(k)
-        place = _place(knot_t, xy, t)
+        knot_t, xy = trajectory = line.trajectory(k)
+        place = place_at(trajectory, t)
         apart = math.dist(place, here)
         if not 0.0 < apart <= NEAR:
             return None
         far = self.absent[k] = here + (place - here) * (_FAR / apart)
         known = knot_t < t - 1e-9
         times = np.array([t, t + _INSTANT, t + self.task.robot.dt / 2])
-        places = np.vstack((place, _place(knot_t, xy, t + _INSTANT), far))
+        places = np.vstack((place, place_at(trajectory, t + _INSTANT), far))
         return np.concatenate((knot_t[known], times)), np.vstack((xy[known], places))
-
-
-def _place(t: NDArray[np.float64], xy: NDArray[np.float64], when: float) -> Place:
-    """Return where a trajectory is at a time, m."""
-    return np.array([np.interp(when, t, xy[:, 0]), np.interp(when, t, xy[:, 1])])
 
 
 def _detour(start: Place, end: Place) -> NDArray[np.float64]:
@@ -88,9 +78,3 @@ def _detour(start: Place, end: Place) -> NDArray[np.float64]:
     if float(side @ start) < 0.0:
         side = -side
     return np.vstack((side if float(ahead @ start) < 0.0 else ahead, ahead)) * _FAR
-
-
-def _with_trajectories(line: Timeline, changed: dict[int, Trajectory]) -> Timeline:
-    """Return the timeline with the trajectories of some discs replaced."""
-    parts = [changed.get(k, (line.knot_t[a:b], line.knot_xy[a:b])) for k, (a, b) in enumerate(pairwise(line.first.tolist()))]
-    return Timeline.of(line.id.tolist(), line.radius.tolist(), parts)

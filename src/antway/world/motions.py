@@ -18,10 +18,10 @@ from antway.grid import Grid
 from antway.kernels.base.rng import stream, uniform
 from antway.kernels.robot.motions import bounce
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_SPEED
+from antway.world.timeline import Trajectory
 
 XY = tuple[float, float]  # m
 Span = float | tuple[float, float]
-Trajectory = tuple[NDArray[np.float64], NDArray[np.float64]]  # t float64[M] in s, xy float64[M, 2] in m
 
 MAX_KNOTS = 100_000  # limit of knots of an obstacle
 
@@ -123,7 +123,7 @@ class Waypoints:
                 raise BadScenario("speed", speed, f"such that the course has at most {MAX_KNOTS} knots")
             t = np.concatenate((t[:1], *(t[1:] + i * period for i in range(rounds))))
             xy = np.vstack((xy[:1], *[xy[1:]] * rounds))
-            t, xy = _from(t, xy, phase * period)
+            t, xy = _from((t, xy), phase * period)
         keep = np.concatenate(([True], np.diff(t) > 0))
         return t[keep], xy[keep]
 
@@ -218,16 +218,15 @@ class Pursue:
 
     def drawn(self, draw: Draw) -> Pursuer:
         """Return the motion with the spans drawn for an episode."""
-        return Pursuer(self.start, draw.of(self.speed), draw.of(self.gap), draw.of(self.delay), draw.of(self.follow_time))
+        return Pursuer(draw.of(self.speed), draw.of(self.gap), draw.of(self.delay), draw.of(self.follow_time))
 
     def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         return _standing(self.start)
 
 
 class Pursuer(NamedTuple):
-    """`Pursue` with its spans drawn."""
+    """The spans of `Pursue`, drawn."""
 
-    start: XY
     speed: float
     gap: float
     delay: float
@@ -267,11 +266,17 @@ def _standing(place: XY) -> Trajectory:
     return np.zeros(1), np.array([place])
 
 
-def _from(t: NDArray[np.float64], xy: NDArray[np.float64], since: float) -> Trajectory:
+def place_at(trajectory: Trajectory, when: float) -> NDArray[np.float64]:
+    """Return where a trajectory is at the time `when`, float64[2], m."""
+    t, xy = trajectory
+    return np.array([np.interp(when, t, xy[:, 0]), np.interp(when, t, xy[:, 1])])
+
+
+def _from(trajectory: Trajectory, since: float) -> Trajectory:
     """Cut off everything before the time `since`, which becomes 0."""
+    t, xy = trajectory
     i = int(np.searchsorted(t, since, side="right"))
-    here = [np.interp(since, t, xy[:, 0]), np.interp(since, t, xy[:, 1])]
-    return np.concatenate(([0.0], t[i:] - since)), np.vstack((here, xy[i:]))
+    return np.concatenate(([0.0], t[i:] - since)), np.vstack((place_at(trajectory, since), xy[i:]))
 
 
 def _points(motion: object, *names: str) -> None:

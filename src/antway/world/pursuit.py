@@ -25,16 +25,11 @@ class Pursuit:
 
     def __init__(self, world: World, task: Task, seed: int, horizon: float, steps: int) -> None:
         self.task, self.timeline = task, world.timeline(seed, horizon)
-        chosen = [(k, one, one.motion) for k, one in enumerate(world.obstacles) if isinstance(one.motion, Pursue)]
-        self.pursuers = [(k, one.radius, motion.drawn(Draw(seed, k))) for k, one, motion in chosen]
-        if not chosen:
-            return
-        line = self.timeline
-        trajectories = [line.trajectory(k) for k in range(len(line))]
-        t = np.arange(steps + 1, dtype=np.float64) * task.robot.dt
-        for k, _, motion in chosen:
-            trajectories[k] = t, np.full((steps + 1, 2), motion.start)
-        self.use(Timeline.of(line.id.tolist(), line.radius.tolist(), trajectories))
+        chosen = [(k, one.radius, one.motion) for k, one in enumerate(world.obstacles) if isinstance(one.motion, Pursue)]
+        self.pursuers = [(k, radius, motion.drawn(Draw(seed, k))) for k, radius, motion in chosen]
+        if chosen:
+            t = np.arange(steps + 1, dtype=np.float64) * task.robot.dt
+            self.use(self.timeline.changed({k: (t, np.full((steps + 1, 2), motion.start)) for k, _, motion in chosen}))
 
     def use(self, whole: Timeline) -> Timeline:
         """Continue with another timeline, in which the pursuers have the same knots; return it."""

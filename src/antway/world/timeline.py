@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from antway.errors import BadScenario
+from antway.kernels.base.geometry import timeline_at
 from antway.kernels.base.records import Trajectories
+
+Trajectory = tuple[NDArray[np.float64], NDArray[np.float64]]  # t float64[M] in s, xy float64[M, 2] in m
+COLUMNS = {"id": np.int64, "radius": np.float64, "knot_t": np.float64, "knot_xy": np.float64, "first": np.int64}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,9 +56,10 @@ class Timeline:
     first: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
 
     def __post_init__(self) -> None:
-        for name, kind in (("id", np.int64), ("radius", np.float64), ("knot_t", np.float64), ("knot_xy", np.float64)):
-            _take(self, name, kind)
-        _take(self, "first", np.int64)
+        for name, kind in COLUMNS.items():
+            array: NDArray[Any] = np.ascontiguousarray(getattr(self, name), dtype=kind)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
         count, knots = len(self.id), len(self.knot_t)
         shapes = {"id": (count,), "radius": (count,), "knot_t": (knots,), "knot_xy": (knots, 2), "first": (count + 1,)}
         for name, shape in shapes.items():
@@ -93,15 +99,18 @@ class Timeline:
         """The same as a record for kernels."""
         return Trajectories(self.knot_t, self.knot_xy, self.first, self.radius)
 
-    def trajectory(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the knots of disc number k: t float64[m] in s, xy float64[m, 2] in m."""
+    def trajectory(self, k: int) -> Trajectory:
+        """Return the knots of disc number k."""
         low, high = self.first[k], self.first[k + 1]
         return self.knot_t[low:high], self.knot_xy[low:high]
 
+    def changed(self, trajectories: Mapping[int, Trajectory]) -> Timeline:
+        """Return the timeline with other trajectories of the discs with these numbers."""
+        every = [trajectories[k] if k in trajectories else self.trajectory(k) for k in range(len(self))]
+        return Timeline.of(self.id.tolist(), self.radius.tolist(), every)
+
     def at(self, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return places in m and velocities in m/s at time t, float64[K, 2] each."""
-        from antway.kernels.base.geometry import timeline_at
-
         trajectories = self.trajectories
         states = [timeline_at(float(t), trajectories, k) for k in range(len(self))]
         both = np.array(states, np.float64).reshape(-1, 4)
@@ -115,9 +124,3 @@ class Timeline:
             for axis in (0, 1):
                 out[:, k, axis] = np.interp(t, knot_t, knot_xy[:, axis])
         return out
-
-
-def _take(owner: Timeline, name: str, kind: type) -> None:
-    array: NDArray[np.generic] = np.ascontiguousarray(getattr(owner, name), dtype=kind)
-    array.flags.writeable = False
-    object.__setattr__(owner, name, array)

@@ -21,7 +21,7 @@ from antway.planning import TimedPath
 from antway.reading import Unpacked, check_nesting, is_file, read_text
 from antway.world.policy import Decision, RobotSpec, Task
 from antway.world.stops import rounds_of
-from antway.world.timeline import Timeline
+from antway.world.timeline import COLUMNS, Timeline
 
 if TYPE_CHECKING:
     from antway.world.trace import Trace
@@ -34,7 +34,6 @@ MAX_BYTES = 32 * 2**20
 MAX_UNPACKED = 128 * 2**20  # limit of bytes of all unpacked arrays of a trace together
 
 _ARRAYS = {"t": 1, "xy": 2, "velocity": 2, "heading": 1, "command": 2}
-_TIMELINE = {"id": np.int64, "radius": np.float64, "knot_t": np.float64, "knot_xy": np.float64, "first": np.int64}
 _ROBOT = ("radius", "v_max", "a_max", "drive", "dt", "sensor_range", "turn_rate")
 # Written only if they differ from the default:
 _DYNAMICS = ("v_reverse", "brake_max", "alpha_max", "turning_radius", "latency", "footprint", "dynamics")
@@ -72,7 +71,7 @@ def to_json(trace: Trace, *, timing: bool = False) -> str:
         },
         **{name: getattr(trace, name).tolist() for name in _ARRAYS},
         **({} if task.robot.stepwise else {"turn_rate": trace.turn_rate.tolist()}),
-        "timeline": {name: getattr(trace.timeline, name).tolist() for name in _TIMELINE},
+        "timeline": {name: getattr(trace.timeline, name).tolist() for name in COLUMNS},
         "sensed": _pack(trace.sensed),
         "decisions": [{"step": step, **_decision_record(decision)} for step, decision in trace.decisions],
     }
@@ -228,9 +227,9 @@ class _Reader:
             raise error if error.where else error.at(self.where, f"task.{error.field}") from None
 
     def timeline(self, record: object) -> Timeline:
-        parts = self.table("timeline", record, " ".join(_TIMELINE))
+        parts = self.table("timeline", record, " ".join(COLUMNS))
         columns: dict[str, Any] = {}
-        for name, kind in _TIMELINE.items():
+        for name, kind in COLUMNS.items():
             array = self.floats(f"timeline.{name}", parts[name], (None, 2) if name == "knot_xy" else (None,))
             if kind is np.int64 and not (array == np.round(array)).all():
                 raise self.bad(f"timeline.{name}", parts[name], "integers")
