@@ -63,7 +63,7 @@ def local(seeds: int) -> list[dict[str, object]]:
         solvable = exact.status is Status.FOUND and exact.arrival < HORIZON - 1.0
         if solvable:
             ms["SIPP"].append(1e3 * best)
-        predictions = Predictions(segments, 0.0, np.empty(2))
+        predictions = Predictions(segments, 0.0)
         for name, (betas, amount) in COLONIES.items():
             settings, best = spacetime.ColonySettings(0, betas, SLACK, IMPROVEMENT, amount, 0.0, 0.0), math.inf
             for _ in range(3):

@@ -44,7 +44,7 @@ def world(rng: np.random.Generator, resolution: float, density: float) -> tuple[
 def python_sipp(search: Sipp, centre: np.ndarray, start: tuple[int, int], goal: tuple[int, int], timeline: Timeline) -> float:
     """The peer: SIPP as one writes it in Python, cell by cell as needed, with the same field and the same compiled tests."""
     segments = timeline_segments(timeline.trajectories, RADIUS, 0.0, np.inf)
-    moves, work = list(enumerate(search.moves.offsets.tolist())), np.empty(2)
+    moves = list(enumerate(search.moves.offsets.tolist()))
 
     @cache
     def safe(cell: tuple[int, int]) -> list[tuple[float, float]]:
@@ -60,8 +60,7 @@ def python_sipp(search: Sipp, centre: np.ndarray, start: tuple[int, int], goal: 
                 dx, dy = centre[to] - centre[cell]
                 duration = math.hypot(dx, dy) / SPEED
                 spans = [
-                    unsafe_departures(x, y, dx / duration, dy / duration, duration, segments, p, work)
-                    for p in range(len(segments))
+                    unsafe_departures(x, y, dx / duration, dy / duration, duration, segments, p) for p in range(len(segments))
                 ]
                 found.append((to, duration, safe_intervals(*zip(*spans), 0.0)))
         return found

@@ -28,8 +28,6 @@ from common import cases
 from crossing import colony, local_problem
 from naive import crossing as naive
 
-WORK = np.empty(2)
-
 
 def random_piece(rng: np.random.Generator) -> np.ndarray:
     t0 = rng.uniform(0.0, 2.0)
@@ -63,7 +61,7 @@ def test_unsafe_departures_are_what_sampling_finds() -> None:
         if i % 7 == 0:  # parallel courses
             v = piece[0, 4:6] * rng.uniform(-1.0, 2.0)
         duration = rng.uniform(0.1, 1.0)
-        low, high = unsafe_departures(x, y, v[0], v[1], duration, piece, 0, WORK)
+        low, high = unsafe_departures(x, y, v[0], v[1], duration, piece, 0)
         hit = departures[naive.unsafe_departures(x, y, v, duration, piece[0], departures)]
         if len(hit):
             assert low - 1e-9 <= hit[0] and hit[-1] <= high + 1e-9
@@ -83,7 +81,7 @@ def test_earliest_departure_is_safe_and_earliest() -> None:
             rng.uniform(0.1, 1.0),
             rng.choice([0.0, 0.1]),
         )
-        s = earliest_departure(x, y, v[0], v[1], duration, 0.0, 9.0, Predictions(segments, stopping_time, WORK))
+        s = earliest_departure(x, y, v[0], v[1], duration, 0.0, 9.0, Predictions(segments, stopping_time))
         departures = np.arange(0.0, 9.0, 0.01)
         moved = segments + np.array([stopping_time, stopping_time, 0, 0, 0, 0, 0, 0])
         hit = np.any([naive.unsafe_departures(x, y, v, duration, piece, departures) for piece in moved], axis=0)
@@ -151,7 +149,7 @@ def test_a_weight_on_metres_finds_shorter_paths_that_cost_less() -> None:
     rng, shorter, dearer = np.random.default_rng(8), 0, 0
     for _ in range(runs := cases(60, 2000)):
         grid, _, start, _, context, segments = local_problem(rng)
-        (x, y), predictions, knots = grid.centre(start), Predictions(segments, 0.0, WORK), np.empty((600, 3))
+        (x, y), predictions, knots = grid.centre(start), Predictions(segments, 0.0), np.empty((600, 3))
         spent = []
         for weight in (0.0, 5.0):
             memory, end, cost, bound = colony(context, segments, x, y, distance_weight=weight)
@@ -179,15 +177,15 @@ def test_motions_keep_clear_of_everything() -> None:
         if end < 0:
             continue
         raw, short = np.empty((600, 3)), np.empty((600, 3))
-        n = trace_back(memory, context, Predictions(segments, 0.0, WORK), x, y, end, 20.0, 30.0, raw)
-        m = shorten(context, Predictions(segments, 0.0, WORK), raw, n, short)
+        n = trace_back(memory, context, Predictions(segments, 0.0), x, y, end, 20.0, 30.0, raw)
+        m = shorten(context, Predictions(segments, 0.0), raw, n, short)
         assert raw[n - 1, 0] <= arrival + 1e-9 and short[m - 1, 0] <= raw[n - 1, 0] + 1e-9
         shorter += short[m - 1, 0] < raw[n - 1, 0] - 1e-6
         for knots in (raw[:n], short[:m]):
             assert (knots[0, 1:] == (x, y)).all() and np.allclose(knots[-1, 1:], grid.centre(goal))
             steps = np.diff(knots, axis=0)
             assert (steps[:, 0] > 0).all() and (np.hypot(steps[:, 1], steps[:, 2]) <= steps[:, 0] + 1e-9).all()
-            assert first_conflict(knots, 0.0, Predictions(segments, 0.0, WORK)) == math.inf
+            assert first_conflict(knots, 0.0, Predictions(segments, 0.0)) == math.inf
             assert naive.closest(knots, segments) > -1e-6
             t = np.arange(0.0, knots[-1, 0], 0.01)
             path = np.column_stack([np.interp(t, knots[:, 0], knots[:, k]) for k in (1, 2)])

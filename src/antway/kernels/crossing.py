@@ -137,7 +137,7 @@ def _with_less_clearance(predictions: Predictions, now: float) -> Predictions:
         if segments[p, records.T0] > now + _SOON - 1e-9:
             less = segments[p, records.CLEARANCE_RADIUS] - _TOLERATED
             segments[p, records.CLEARANCE_RADIUS] = max(less, segments[p, records.CONTACT_RADIUS])
-    return Predictions(segments, predictions.stopping_time, predictions.work)
+    return Predictions(segments, predictions.stopping_time)
 
 
 @inner_kernel
@@ -250,7 +250,7 @@ def _replan(
     found, is_wide, budget = False, False, s.improvement_expansions if valid else s.expansions
     if most_delay > _LITTLE and len(predictions.segments) > 0:
         count = _predict(c, s.wide_tubes, memory.segments)
-        wide = Predictions(memory.segments[:count], time_shift(s.wide_tubes), predictions.work)
+        wide = Predictions(memory.segments[:count], time_shift(s.wide_tubes))
         is_wide = on_plan and _is_clear(c, wide)
         limit, before = math.inf, plan.state[ARRIVAL]
         if usable:
@@ -269,7 +269,7 @@ def _replan(
     if not (found or usable) and s.narrow_tubes.robot_radius > 0.0:
         count = _predict(c, s.narrow_tubes, plan.segments)
         plan.state[SEGMENT_COUNT] = count
-        narrow = Predictions(plan.segments[:count], time_shift(s.narrow_tubes), predictions.work)
+        narrow = Predictions(plan.segments[:count], time_shift(s.narrow_tubes))
         found = _search(memory, trails, c, s.colony, narrow, math.inf, s.expansions // _LAST, state)
     return IMPROVED if found and valid else NEW if found else KEPT if usable else NONE
 
@@ -310,7 +310,7 @@ def cycle(
     as_predicted = _as_predicted(c)
     count = _predict(c, s.tubes, plan.segments)
     plan.state[SEGMENT_COUNT] = count
-    predictions = Predictions(plan.segments[:count], time_shift(s.tubes), np.empty(2))
+    predictions = Predictions(plan.segments[:count], time_shift(s.tubes))
     if s.stores_predictions:
         store_predictions(crowd.stored, crowd.counts[1], estimates, scanned, predictions.segments)
     # Keep the plan or search for a better one, and follow it.

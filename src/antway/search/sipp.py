@@ -347,7 +347,7 @@ def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
     return kernels.Workspace(
         np.zeros(1, np.int64), np.zeros(cells, np.int64), whole(cells), whole(cells),
         whole(states), whole(states), real(states), real(states), real(states), real(states), real(states), real(states),
-        real(entries), real(entries), whole(entries), np.empty((spans, 2)), real(2),
+        real(entries), real(entries), whole(entries), np.empty((spans, 2)),
     )  # fmt: skip
 
 

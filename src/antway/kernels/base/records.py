@@ -66,4 +66,3 @@ class Predictions(NamedTuple):
 
     segments: NDArray[np.float64]  # [P, 8]
     stopping_time: float  # s; a moving robot keeps clear of where each obstacle was up to this time before
-    work: NDArray[np.float64]  # [2] scratch

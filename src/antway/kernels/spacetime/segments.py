@@ -47,35 +47,31 @@ def within(x: float, y: float, distance: float, segments: Segments, p: int) -> t
 
 
 @bare_kernel
-def _edge(
-    bx: float, by: float, dx: float, dy: float, low: float, high: float, contact_radius: float, out: NDArray[np.float64]
-) -> bool:
-    """Write the part of [low, high] in which |b + d z| < contact_radius to out[0:2]; return False if there is none."""
+def _edge(bx: float, by: float, dx: float, dy: float, until: float, contact_radius: float) -> tuple[float, float]:
+    """Return the part of [0, until] in which |b + d z| < contact_radius; (inf, -inf) if there is none."""
     dd = dx * dx + dy * dy
     slack = bx * bx + by * by - contact_radius * contact_radius
     if dd == 0.0:
-        out[0], out[1] = low, high
-        return slack < 0.0
+        return (0.0, until) if slack < 0.0 else (math.inf, -math.inf)
     bd = bx * dx + by * dy
     root = bd * bd - dd * slack
     if root <= 0.0:
-        return False
+        return math.inf, -math.inf
     root = math.sqrt(root)
-    out[0] = max(low, (-bd - root) / dd)
-    out[1] = min(high, (-bd + root) / dd)
-    return bool(out[0] < out[1])
+    low, high = max(0.0, (-bd - root) / dd), min(until, (-bd + root) / dd)
+    return (low, high) if low < high else (math.inf, -math.inf)
 
 
 @bare_kernel
 def unsafe_departures(
-    x: float, y: float, vx: float, vy: float, duration: float, segments: Segments, p: int, work: NDArray[np.float64]
+    x: float, y: float, vx: float, vy: float, duration: float, segments: Segments, p: int
 ) -> tuple[float, float]:
     """Return the interval of departures in s with which a uniform move meets segment p; (inf, -inf) if there are none.
 
     The robot leaves (x, y) at time s with (vx, vy) and drives for `duration` s. Let z be the time since departure and t the
     absolute time. The (z, t) in [0, duration] x [t0, t1] with |a + v z - u (t - t0)| < r are in contact. This set is convex, so
     the departures s = t - z that lead into it form one interval. Its ends lie on an edge of the rectangle, or where a line of
-    constant s touches the ellipse. `work` is float64[2].
+    constant s touches the ellipse.
     """
     t0, t1 = segments[p, T0], segments[p, T1]
     ax, ay = x - segments[p, X], y - segments[p, Y]
@@ -85,12 +81,12 @@ def unsafe_departures(
     low, high = math.inf, -math.inf
     for k in range(2):  # edges of constant z: at departure and at arrival
         z = duration * k
-        if _edge(ax + vx * z, ay + vy * z, -ux, -uy, 0.0, span, contact_radius, work):
-            low, high = min(low, work[0] - z), max(high, work[1] - z)
+        first, last = _edge(ax + vx * z, ay + vy * z, -ux, -uy, span, contact_radius)
+        low, high = min(low, first - z), max(high, last - z)
     for k in range(2):  # edges of constant t: the start and the end of the segment
         w = span * k
-        if _edge(ax - ux * w, ay - uy * w, vx, vy, 0.0, duration, contact_radius, work):
-            low, high = min(low, w - work[1]), max(high, w - work[0])
+        first, last = _edge(ax - ux * w, ay - uy * w, vx, vy, duration, contact_radius)
+        low, high = min(low, w - last), max(high, w - first)
     # q = a + v z - u w on the circle; w - z is linear in q with gradient g, so it is extreme at q = -+ r g / |g|.
     det = ux * vy - uy * vx
     if det != 0.0:
@@ -124,7 +120,7 @@ def delayed(x: float, y: float, vx: float, vy: float, duration: float, s: float,
     oy, py = segments[p, Y] + segments[p, VY] * z0, segments[p, Y] + segments[p, VY] * z1
     if min(oy, py) - contact_radius > max(y, ey) or max(oy, py) + contact_radius < min(y, ey):
         return s
-    low, high = unsafe_departures(x, y, vx, vy, duration, segments, p, predictions.work)
+    low, high = unsafe_departures(x, y, vx, vy, duration, segments, p)
     return high + stopping_time if low + TOUCH < s - stopping_time < high - TOUCH else s
 
 

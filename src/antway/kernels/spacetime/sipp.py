@@ -64,7 +64,6 @@ class Workspace(NamedTuple):
     heap_time: NDArray[np.float64]  # [Q] s; arrival
     heap_state: NDArray[np.int32]  # [Q]
     spans: NDArray[np.float64]  # [P, 2] s; unsafe times of a cell
-    work: NDArray[np.float64]  # [2]
 
 
 class Moving(NamedTuple):
@@ -121,7 +120,7 @@ def sipp(
     blocked, mask, field, offsets, lengths, frame, radius, speed = moving
     rows, cols = mask.shape
     x0, y0, cell_size, _ = frame
-    predictions = Predictions(segments, 0.0, ws.work)  # the stopping time is 0, because this robot reaches any speed at once
+    predictions = Predictions(segments, 0.0)  # the stopping time is 0, because this robot reaches any speed at once
     if len(ws.cell) <= len(segments) or len(ws.spans) < len(segments):
         return FULL, -1, 0, now
     ws.query[0] += 1

@@ -47,7 +47,7 @@ class Situation:
     segments: NDArray[np.float64]  # [P, 8]
 
     def _predictions(self, segments: NDArray[np.float64]) -> Predictions:
-        return Predictions(segments, time_shift(self.settings.tubes), np.empty(2))
+        return Predictions(segments, time_shift(self.settings.tubes))
 
     def free(self) -> float:
         """Return the time to the goal without moving obstacles, s."""
