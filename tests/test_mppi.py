@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
+from antway.kernels.base.records import RobotState
 from antway.kernels.baselines.mppi import path_integral
 from antway.kernels.controls.rollout import judge
 from antway.world.motions import BackAndForth, Line
@@ -26,7 +27,7 @@ def test_the_mean_is_what_its_definition_says(robot: RobotSpec) -> None:
     """Each sample costs what its rollout says; the mean weighs them by exp(-cost / temperature); noise has its spread."""
     policy = make_policy("mppi", samples=400, temperature=0.3)
     policy.reset(hall(robot=robot).task, 1)
-    policy.problem.start[:] = 2.0, 3.0, 0.2, 0.4, 0.1
+    policy.problem = policy.problem._replace(start=RobotState(2.0, 3.0, 0.2, 0.4, 0.1))
     policy.nominal[:] = (0.5, 0.2)
     path_integral(policy.nominal, policy.sampling, policy.problem, policy.random)
     drawn, cost = policy.sampling.drawn, policy.sampling.cost

@@ -45,7 +45,7 @@ def _colony(robot: RobotSpec, seed: int = 3) -> ControlColony:
     task = _task(robot)
     context = make_context(task.grid, robot, task.grid.cell_at(task.goal))
     colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), seed, swerve=0.1)
-    colony.problem.start[:] = 1.1, 4.1, 0.3, 0.4, 0.2
+    colony.problem = colony.problem._replace(start=RobotState(1.1, 4.1, 0.3, 0.4, 0.2))
     return colony
 
 
@@ -94,7 +94,7 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
         cost = judge(controls, colony.problem, math.inf, path)
         assert cost == pytest.approx(naive.cost_of(controls, colony.problem, robot.footprint or ()), rel=0.02, abs=0.05)
         assert judge(controls, colony.problem, 0.5 * cost, path) == math.inf  # sooner or later it is sure to be above the limit
-        now = RobotState(*map(float, colony.problem.start))
+        now = colony.problem.start
         for k in range(steps):
             now = drive_cycle(now, *controls[k].tolist(), colony.problem.limits, robot.dt)
         assert path[-1] == pytest.approx(now[:2], abs=2e-3)
@@ -119,7 +119,7 @@ def test_a_rollout_is_given_up_as_soon_as_the_plan_shows_that_it_must_be_too_dea
 def test_a_rollout_that_reaches_the_goal_sooner_costs_so_much_less(robot: RobotSpec) -> None:
     """A second is a second, before the end of the rollout too: else robots dawdle in front of the goal."""
     colony = _colony(robot)
-    colony.problem.start[:] = 7.7, 4.1, 0.0, 0.5, 0.0
+    colony.problem = colony.problem._replace(start=RobotState(7.7, 4.1, 0.0, 0.5, 0.0))
     problem = colony.problem._replace(weights=colony.problem.weights._replace(progress=0.0))
     fast, slow = (np.full((len(colony.problem.outlook.near), 2), (speed, 0.0)) for speed in (1.0, 0.5))
     costs = [judge(one, problem, math.inf, np.empty((0, 2))) for one in (fast, slow)]
@@ -131,7 +131,7 @@ def test_a_rollout_that_reaches_the_goal_sooner_costs_so_much_less(robot: RobotS
 def test_a_rollout_that_could_not_stop_behind_the_goal_costs_more(robot: RobotSpec) -> None:
     """Who reaches a goal before a wall too fast is stopped by the guard, and a car that swerves misses the goal."""
     colony = _colony(robot)
-    colony.problem.start[:] = 8.0, 4.1, 0.0, 0.5, 0.0
+    colony.problem = colony.problem._replace(start=RobotState(8.0, 4.1, 0.0, 0.5, 0.0))
     field, weights = colony.problem.field, colony.problem.weights._replace(progress=0.0)
     edge = (field.wall.shape[1] - 1) / field.wall_frame[2] - robot.radius
     problem = colony.problem._replace(field=field._replace(goal=np.array([edge - 0.15, 4.1, 0.2])), weights=weights)
@@ -272,7 +272,7 @@ def test_what_ants_are_compared_with_spends_the_same_rollouts(search: str) -> No
     context = make_context(task.grid, WHEELS, task.grid.cell_at(task.goal))
     options = ControlOptions(search=search, rounds=1, ants=50)
     colony = ControlColony(options, task, context.field.reshape(task.grid.shape), 3, swerve=None)
-    colony.problem.start[:] = 1.1, 4.1, 0.3, 0.4, 0.2
+    colony.problem = colony.problem._replace(start=RobotState(1.1, 4.1, 0.3, 0.4, 0.2))
     a, how = colony.archive, colony.averaging
     assert how is not None
     known = a, colony.lattice, colony.settings, colony.problem, colony.random, how

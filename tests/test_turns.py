@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import Grid, RobotSpec, Scenario, Task, World, check_episode, run
-from antway.kernels.base.records import Terrain
+from antway.kernels.base.records import RobotState, Terrain
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import CONTACT, TURN_DISTANCE, TURN_TIME
 from antway.kernels.tracking.bounces import COLUMNS
@@ -71,8 +71,8 @@ def test_the_reach_of_turns_is_what_an_obstacle_gains_before_the_robot_is_out_of
     """It is the largest gain of all turns up to then, tried one by one."""
     outlook = empty_outlook(30)
     margins = Margins(0.01, 0.05, 2.0, 1.2, 0.4, 0.15, 2.0)
-    segments = np.array([[0.0, math.inf, 2.0, 0.0, 0.0, 0.0, 0.6, 0.6]])
-    look_ahead(segments, np.zeros((1, 2)), 0.0, 0.1, np.zeros(5), SpeedBounds(1.0, 1.0, 1.0, 1.0), margins, change, outlook)
+    segments, at = np.array([[0.0, math.inf, 2.0, 0.0, 0.0, 0.0, 0.6, 0.6]]), RobotState(0.0, 0.0, 0.0, 0.0, 0.0)
+    look_ahead(segments, np.zeros((1, 2)), 0.0, 0.1, at, SpeedBounds(1.0, 1.0, 1.0, 1.0), margins, change, outlook)
     reach = outlook.disc[:, 0, TURN_DISTANCE] - outlook.disc[:, 0, CONTACT]
     for k in range(30):
         since = np.linspace(0.0, 0.1 * (k + 1), 20_001)

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.controls.lookup import clearance, sample, turning_loss
 from antway.kernels.controls.motion import MotionState, step
 from antway.kernels.controls.problem import ControlProblem, StaticField
@@ -24,7 +24,7 @@ def least_bound(
     """The bound on the time to the goal of the first sequence of arcs that is complete."""
     problem = problem._replace(outlook=problem.outlook._replace(harm=np.empty(0)))
     limits, dt, field = problem.limits, problem.dt, problem.field
-    x, y, heading, a, b = problem.start.tolist()
+    x, y, heading, a, b = problem.start
     heap: list[tuple[float, int, MotionState, int, float, bool]] = [
         (0.0, 0, MotionState(x, y, math.cos(heading), math.sin(heading), a, b), 0, 0.0, False)
     ]
@@ -39,7 +39,7 @@ def least_bound(
             if i < len(held):
                 commands[:] = held[i]
             else:
-                here = problem._replace(start=np.array([at.x, at.y, math.atan2(at.sin, at.cos), at.a, at.b]))
+                here = problem._replace(start=RobotState(at.x, at.y, math.atan2(at.sin, at.cos), at.a, at.b))
                 downhill(commands, here, 0.5, limits.v_max / (1 + i - len(held)), 0.0, 0)
             driven = _drive(commands, at, n * block, problem)
             if driven is None:

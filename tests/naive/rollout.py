@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from antway.kernels.base.records import RobotLimits, RobotState
+from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.problem import ControlProblem, StaticField
 from antway.kernels.controls.seeds import downhill
 from antway.kernels.robot.motion import drive_cycle
@@ -36,11 +36,11 @@ def _from_footprint(point: np.ndarray, corners: Corners) -> float:
 def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()) -> float:
     """The cost as its definition says it, of a robot that drives exactly."""
     state, limits, dt, field, outlook, w = problem
-    now, cost, harm = RobotState(*map(float, state)), 0.0, dict.fromkeys(range(len(outlook.harm)), 0.0)
+    now, cost, harm = state, 0.0, dict.fromkeys(range(len(outlook.harm)), 0.0)
     for k, (ca, cb) in enumerate(controls.tolist()):
         before, now = np.array(now[:2]), drive_cycle(now, ca, cb, limits, dt)
         x, y, theta, a, b = now
-        theta = theta if limits.drive else float(state[2])  # without wheels a footprint keeps its heading
+        theta = theta if limits.drive else state.theta  # without wheels a footprint keeps its heading
         decay = math.exp(-w.decay * k * dt)
         wall = bilinear(field.wall, x, y, field.wall_frame)
         turn = np.array([[math.cos(theta), math.sin(theta)], [-math.sin(theta), math.cos(theta)]])
@@ -129,13 +129,13 @@ def least_of_arcs(held: np.ndarray, block: int, arcs: int, problem: ControlProbl
     problem = problem._replace(outlook=outlook, weights=w)
     least = math.inf
     for chosen in itertools.product(range(len(held) + 2), repeat=arcs):
-        controls, now = np.empty((arcs * block, 2)), RobotState(*map(float, state))
+        controls, now = np.empty((arcs * block, 2)), state
         for i, one in enumerate(chosen):
             part = controls[i * block : (i + 1) * block]
             if one < len(held):
                 part[:] = held[one]
             else:
-                here = problem._replace(start=np.array(now))
+                here = problem._replace(start=now)
                 downhill(part, here, 0.5, limits.v_max / (1 + one - len(held)), 0.0, 0)
             for ca, cb in part.tolist():
                 now = drive_cycle(now, ca, cb, limits, dt)

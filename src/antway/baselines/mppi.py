@@ -9,6 +9,7 @@ import numpy as np
 from antway import checks
 from antway.baselines.replan import Follow, now
 from antway.kernels.base.jit import entry
+from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import stream
 from antway.kernels.baselines.mppi import Sampling, path_integral
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
@@ -97,7 +98,7 @@ class Mppi(Follow):
             swerve=math.inf,
         )
         self.problem = ControlProblem(
-            np.zeros(5),
+            RobotState(0.0, 0.0, 0.0, 0.0, 0.0),
             finite_limits(robot),
             robot.dt,
             static_field(task.grid, robot, self.search.field, task.goal, task.goal_tolerance),
@@ -112,14 +113,15 @@ class Mppi(Follow):
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         robot = self.task.robot
-        late, o, self.problem.start[:] = acting(observation, robot)
+        late, o, start = acting(observation, robot)
+        self.problem = self.problem._replace(start=start)
         xy, velocity = now(observation)
         segments = np.zeros((len(xy), 8))
         segments[:, 0], segments[:, 1] = o.t, math.inf
         segments[:, 2:4], segments[:, 4:6] = xy + late * velocity, velocity
         segments[:, 6] = observation.tracks.radius + robot.radius
         sigma = np.zeros((len(xy), 2))
-        look = segments, sigma, o.t, robot.dt, self.problem.start, self.bounds, self.margins, 0.0, self.problem.outlook
+        look = segments, sigma, o.t, robot.dt, start, self.bounds, self.margins, 0.0, self.problem.outlook
         entry(look_ahead, *look)(*look)
         self.nominal[:-1] = self.nominal[1:]
         arguments = self.nominal, self.sampling, self.problem, self.random

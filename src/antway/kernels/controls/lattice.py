@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, inner_kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.controls.lookup import at_goal, clearance, time_to_go, turning_loss
-from antway.kernels.controls.motion import HEADING, SX, SY, A, B, MotionState, motion_state, step
+from antway.kernels.controls.motion import MotionState, motion_state, step
 from antway.kernels.controls.problem import ControlProblem, Outlook
 from antway.kernels.controls.rollout import lost_time, obstacle_cost
 from antway.kernels.controls.seeds import downhill
@@ -44,7 +44,6 @@ class Lattice(NamedTuple):
     least: NDArray[np.float64]  # [H] least lower bound of the pose, s
     search: NDArray[np.int64]  # [1] number of the last search
     expansions: int  # most nodes that are expanded
-    state: NDArray[np.float64]  # [5] scratch for the pose from which an arc begins
 
 
 @inner_kernel
@@ -140,7 +139,6 @@ def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProble
     node, link, command, heap = lattice.node, lattice.link, lattice.command, lattice.heap
     limits, dt, outlook = problem.limits, problem.dt, problem.outlook
     summed = Outlook(outlook.near, outlook.disc, outlook.harm[:0], outlook.plan)  # adds up the costs of all steps
-    from_node = ControlProblem(lattice.state, limits, dt, problem.field, summed, problem.weights)
     block = command.shape[1]
     arcs, held = len(ant) // block, len(lattice.held)
     longest = limits.v_max * block * dt
@@ -160,9 +158,9 @@ def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProble
         if left == 0:
             break
         left -= 1
-        lattice.state[SX], lattice.state[SY] = node[at, X], node[at, Y]
-        lattice.state[HEADING] = math.atan2(node[at, SIN], node[at, COS])
-        lattice.state[A], lattice.state[B] = node[at, SPEED], node[at, SPIN]
+        x, y, cos, sin, speed, spin = _state_at(node[at])
+        start = RobotState(x, y, math.atan2(sin, cos), speed, spin)
+        from_node = ControlProblem(start, limits, dt, problem.field, summed, problem.weights)
         for i in range(held + DOWNHILL):
             if i < held:
                 for q in range(block):

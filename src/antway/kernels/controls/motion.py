@@ -5,15 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from antway.kernels.base.jit import inner_kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits
-
-# Entries of a robot's state, float64[5]: place in m, heading in rad, and A and B, which are the speed in m/s and the turn rate
-# in rad/s of a robot on wheels, or else the velocity's x and y in m/s.
-SX, SY, HEADING, A, B = range(5)
+from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 
 
 class MotionState(NamedTuple):
@@ -28,9 +21,9 @@ class MotionState(NamedTuple):
 
 
 @inner_kernel
-def motion_state(state: NDArray[np.float64]) -> MotionState:
-    """Return the motion state of a robot in `state`, float64[5]."""
-    return MotionState(state[SX], state[SY], math.cos(state[HEADING]), math.sin(state[HEADING]), state[A], state[B])
+def motion_state(state: RobotState) -> MotionState:
+    """Return the motion state of a robot in `state`."""
+    return MotionState(state.x, state.y, math.cos(state.theta), math.sin(state.theta), state.a, state.b)
 
 
 @inner_kernel

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base import records
 from antway.kernels.base.jit import kernel
-from antway.kernels.controls.motion import SX, SY
+from antway.kernels.base.records import RobotState
 from antway.kernels.controls.problem import (
     CENTRE_X,
     CENTRE_Y,
@@ -32,10 +32,10 @@ class Margins(NamedTuple):
     """Distances to keep from obstacles, and how uncertain their places become."""
 
     margin: float  # m; is added to the contact radius
-    preferred_gap: float  # m; a gap beyond that which costs nothing
+    preferred_gap: float  # m; a gap beyond the margin of this or more costs nothing
     spread: float  # 1; the risk of contact begins at this many standard deviations of the place
-    spread_time: float  # s; the standard deviation grows with the time predicted up to this
-    late: float  # s; and is larger from the start by its growth in this time, in which a robot with inertia cannot respond
+    spread_time: float  # s; the standard deviation of a place grows for this time ahead, and then stays
+    late: float  # s; standard deviations are those of a time this much later, as a robot with inertia cannot respond at once
     response: float  # s; delay before the robot responds to an obstacle that turns
     agility: float  # m/s^2; acceleration with which it then gets out of the way
 
@@ -45,8 +45,8 @@ class SpeedBounds(NamedTuple):
 
     v_max: float  # m/s; top speed of the robot
     stopping_time: float  # s; longest time from the end of a step until the robot can stand
-    obstacle: float  # m/s; no obstacle becomes faster than this,
-    growth: float  # m/s; nor faster by more than this than it is now
+    obstacle: float  # m/s; no obstacle becomes faster than this
+    growth: float  # m/s; no obstacle's speed grows by more than this
 
 
 @kernel
@@ -55,7 +55,7 @@ def look_ahead(
     sigma: NDArray[np.float64],
     now: float,
     dt: float,
-    start: NDArray[np.float64],
+    start: RobotState,
     bounds: SpeedBounds,
     margins: Margins,
     change: float,
@@ -71,8 +71,7 @@ def look_ahead(
         Standard deviations of each obstacle's place (m) and velocity (m/s).
     now, dt : float
         s; step k ends at now + (k + 1) dt.
-    start : float64[5]
-        State of the robot.
+    start : RobotState
     bounds : SpeedBounds
     margins : Margins
     change : float
@@ -105,7 +104,7 @@ def look_ahead(
             turned = change * turn_time - 0.5 * margins.agility * max(turn_time - margins.response, 0.0) ** 2
             while_stopping = speed * stopping_time + 0.5 * v_max * stopping_time
             far = contact + max(margins.preferred_gap, uncertain, turned, while_stopping) + v_max * (k + 1) * dt + 0.01
-            dx, dy = x - start[SX], y - start[SY]
+            dx, dy = x - start.x, y - start.y
             if dx * dx + dy * dy < far * far and outlook.near[k] < size:
                 disc = outlook.disc[k, outlook.near[k]]
                 disc[CENTRE_X], disc[CENTRE_Y], disc[VX], disc[VY], disc[SPEED] = x, y, vx, vy, speed

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.records import RobotLimits
+from antway.kernels.base.records import RobotLimits, RobotState
 
 # Columns of an obstacle at the end of a step: its place in m; the distances of the centres in m at which contact begins and up
 # to which a greater distance is preferred; the bound on its speed in m/s; its velocity in m/s; the time in s until a wall
@@ -66,7 +66,7 @@ class CostWeights(NamedTuple):
 class ControlProblem(NamedTuple):
     """A problem of optimal control: where the robot starts, how it moves, and what a rollout of its controls costs."""
 
-    start: NDArray[np.float64]  # [5] state of the robot, see SX in kernels/controls/motion.py
+    start: RobotState
     limits: RobotLimits
     dt: float  # s; each control is held for one period
     field: StaticField

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.controls.lookup import slope
-from antway.kernels.controls.motion import HEADING, SX, SY, A, B
 from antway.kernels.controls.problem import ControlProblem
 
 SEEDS = 42  # number of seeds that `write_seed` knows
@@ -64,13 +63,6 @@ def _steer(state: RobotState, tx: float, ty: float, speed: float, problem: Contr
 
 
 @inner_kernel
-def _start(problem: ControlProblem) -> RobotState:
-    """Return the state in which the robot starts."""
-    start = problem.start
-    return RobotState(start[SX], start[SY], start[HEADING], start[A], start[B])
-
-
-@inner_kernel
 def turn_and_go(ant: NDArray[np.float64], problem: ControlProblem, bearing: float, speed: float) -> None:
     """Write the sequence that turns to a bearing in rad and then goes straight at `speed` m/s; below 0 it goes backwards."""
     limits, dt = problem.limits, problem.dt
@@ -78,8 +70,8 @@ def turn_and_go(ant: NDArray[np.float64], problem: ControlProblem, bearing: floa
         for k in range(len(ant)):
             ant[k, 0], ant[k, 1] = speed * math.cos(bearing), speed * math.sin(bearing)
         return
-    off = _wrapped(bearing - problem.start[HEADING] + (math.pi if speed < 0.0 else 0.0))
-    b = problem.start[B]
+    off = _wrapped(bearing - problem.start.theta + (math.pi if speed < 0.0 else 0.0))
+    b = problem.start.b
     for k in range(len(ant)):
         turn = _turn_rate(off, b, limits, dt, dt)
         off -= 0.5 * (b + turn) * dt
@@ -95,33 +87,32 @@ def downhill(
 
     In the first `until` steps it steers to a point `aside` m to the left of that; a negative value is to the right.
     """
-    state = _start(problem)
+    state = problem.start
     for k in range(len(ant)):
-        x, y = state[0], state[1]
-        px, py, gone = x, y, 0.0
+        px, py, gone = state.x, state.y, 0.0
         while gone < distance:
             gx, gy, steep = slope(problem.field, px, py, _E)
             if steep < 1e-9:
                 break
             px, py, gone = px - _E * gx / steep, py - _E * gy / steep, gone + _E
         if k < until and gone > 0.0:
-            dx, dy = (px - x) / gone, (py - y) / gone
+            dx, dy = (px - state.x) / gone, (py - state.y) / gone
             px, py = px - aside * dy, py + aside * dx
         state = _steer(state, px, py, speed, problem)
-        ant[k, 0], ant[k, 1] = state[3], state[4]
+        ant[k, 0], ant[k, 1] = state.a, state.b
 
 
 @inner_kernel
 def along_plan(ant: NDArray[np.float64], problem: ControlProblem, lead: int, late: int) -> None:
     """Write the sequence that follows the plan `late` steps behind it, steering to its place `lead` steps ahead."""
-    plan, state = problem.outlook.plan, _start(problem)
+    plan, state = problem.outlook.plan, problem.start
     last = len(plan) - 1
     for k in range(len(ant)):
         j = min(max(k + lead - late, 0), last)
         tx, ty = plan[j, 0], plan[j, 1]
-        speed = min(math.hypot(tx - state[0], ty - state[1]) / (lead * problem.dt), problem.limits.v_max)
+        speed = min(math.hypot(tx - state.x, ty - state.y) / (lead * problem.dt), problem.limits.v_max)
         state = _steer(state, tx, ty, speed, problem)
-        ant[k, 0], ant[k, 1] = state[3], state[4]
+        ant[k, 0], ant[k, 1] = state.a, state.b
 
 
 @inner_kernel
@@ -137,7 +128,7 @@ def write_seed(ant: NDArray[np.float64], problem: ControlProblem, i: int) -> boo
     36 to 41 follow the plan, 3 or 6 steps ahead, and 0, 4 or 8 steps late
     ======== =========================================================================================================
     """
-    limits, heading, steps = problem.limits, problem.start[HEADING], len(ant)
+    limits, heading, steps = problem.limits, problem.start.theta, len(ant)
     if i < 24:
         turn_and_go(ant, problem, heading + (i // 2) * math.pi / 6.0, limits.v_max if i % 2 == 0 else 0.5 * limits.v_max)
     elif i < 27:

@@ -185,7 +185,7 @@ class ControlColony:
         self.slowness = min(max(_AGILE / robot.v_max, 1.0), _SLOWEST)
         self.task, self.swerve = task, swerve
         self.problem = ControlProblem(
-            np.zeros(5),
+            RobotState(0.0, 0.0, 0.0, 0.0, 0.0),
             finite_limits(robot),
             robot.dt,
             static_field(task.grid, robot, time_to_goal.reshape(task.grid.shape), task.goal, task.goal_tolerance),
@@ -241,11 +241,10 @@ class ControlColony:
 
     def set_times(self, time_to_goal: NDArray[np.float64]) -> None:
         """Drive from now on by other times to the goal, float64[H * W], s."""
-        field, last = self.problem.field, RobotState(*self.problem.start.tolist())
-        before = static_time(field, last)
-        field = with_times(field, self.grid, self.robot, time_to_goal.reshape(self.grid.shape))
+        before, last = self.problem.field, self.problem.start
+        field = with_times(before, self.grid, self.robot, time_to_goal.reshape(self.grid.shape))
         self.problem = self.problem._replace(field=field)
-        self.nearest += static_time(field, last) - before
+        self.nearest += static_time(field, last) - static_time(before, last)
 
     def deviations(
         self,
@@ -305,8 +304,8 @@ class ControlColony:
             How often obstacles turn, 1/s, and by how much their velocities change then, m/s.
         """
         rate, change = turns
+        self.problem, self.began = self.problem._replace(start=state), start
         problem = self.problem._replace(weights=self._weights_now(start, state, rate))
-        problem.start[:], self.began = state, start
         look = segments, sigma, start, problem.dt, problem.start, self.bounds, self.margins, change, problem.outlook
         entry(look_ahead, *look)(*look)
         if len(knots):
@@ -423,7 +422,6 @@ def _lattice(robot: RobotSpec, block: int) -> Lattice:
         np.zeros(4 * nodes),
         np.zeros(1, np.int64),
         _EXPANSIONS,
-        np.zeros(5),
     )
 
 
