@@ -14,7 +14,6 @@ from antway.kernels.base.records import RobotState, Trajectories
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
 from antway.kernels.robot.cycle import play
 from antway.kernels.robot.motion import delayed
-from antway.kernels.robot.passing import when_it_acts
 from antway.kernels.robot.sweep import Body
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
@@ -260,7 +259,11 @@ def test_the_guard_starts_from_the_state_after_the_pending_commands(drive: str) 
         theta, speed, turn = rng.uniform(-3.0, 3.0), rng.uniform(0.0, spec.v_max), rng.uniform(-0.5, 0.5)
         vx, vy = speed * math.cos(theta), speed * math.sin(theta)
         pending = rng.uniform(-1.0, 1.0, (math.ceil(spec.latency / DT - 1e-9), 2))
-        state = np.array(when_it_acts(5.0, 5.0, theta, vx, vy, turn, pending, spec.limits, DT))
+        guard = Guard()
+        guard.reset(Task(Grid(np.zeros((10, 10), np.bool_)), spec, (5.0, 5.0), (5.0, 5.0)))
+        assert guard.dynamic is not None
+        seen = Observation(0.0, (5.0, 5.0), (vx, vy), theta, Tracks.none(), turn_rate=turn, pending=pending)
+        state = np.array(guard.dynamic.state_at_action(seen))
         own = (vx, vy) if drive == "holonomic" else (speed, turn)
         expected = np.array(delayed(RobotState(5.0, 5.0, theta, *own), pending, spec.limits, DT))
         if drive == "holonomic":

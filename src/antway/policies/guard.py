@@ -27,7 +27,7 @@ from antway.kernels.robot.guard import (
     guarded,
     within_reach,
 )
-from antway.kernels.robot.passing import fallback, first_certified, passed_command, passes, when_it_acts
+from antway.kernels.robot.passing import fallback, first_certified, passed_command, passes
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
 from antway.kernels.robot.sweep import Body, Walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
@@ -285,8 +285,7 @@ class _Dynamic:
         rows[:n, ACCEL], rows[:n, AGE] = math.inf, 0.0
         if o.tracks.covariance is None and self.swerve < math.inf:
             n = _bounded(rows, n, tracks[:, AGE] < _NOW, self.swerve, self.record.walls, self.stopping)
-        pending = self.sent if o.pending is None else o.pending
-        state = when_it_acts(*o.xy, o.heading, *o.velocity, o.turn_rate, pending, self.record.limits, self.robot.dt)
+        state = self.state_at_action(o)
         if len(asked) > 1 and not self.strict:
             # The policy has weighed contacts itself, so a stop would not be better than its best command: only walls count.
             one, two = asked[first_certified(state, asked, rows[:0], self.record)].tolist()
@@ -299,6 +298,13 @@ class _Dynamic:
         one, two = asked[0].tolist()
         one, two, did = self._passed_command(state, one, two, rows[:n], self.record, lookahead + self.aside)
         return self._command(o, one, two), did
+
+    def state_at_action(self, o: Observation) -> RobotState:
+        """Return the robot's state when a command given now begins to act; without wheels, a footprint keeps its heading."""
+        if self.late and o.pending is None:
+            o = replace(o, pending=self.sent)
+        state = o.state_at_action(self.robot)
+        return state if self.robot.wheels else state._replace(theta=o.heading)
 
     def stop(self, o: Observation) -> Command:
         """Return the next command of the certified stop."""

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import TOUCH
 from antway.kernels.base.jit import bare_kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
+from antway.kernels.base.records import HOLONOMIC, RobotState
 from antway.kernels.robot.brake import CYCLES, SIDE, STRAIGHT, TURN, Robot, Situation, situation_of, stop_for
 from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, time_to_contact
-from antway.kernels.robot.motion import REST, clipped, delayed, drive_roughly
+from antway.kernels.robot.motion import REST, clipped, drive_roughly
 from antway.kernels.robot.reach import AGE, RADIUS, VX, VY, X, Y
 from antway.kernels.robot.sweep import free_distance
 
@@ -179,25 +179,3 @@ def fallback(keep: NDArray[np.float64], wheels: bool) -> tuple[float, float, int
         keep[CYCLES] -= 1.0
         return 0.0, keep[TURN], BRAKED
     return 0.0, 0.0, BRAKED
-
-
-@bare_kernel
-def when_it_acts(
-    x: float,
-    y: float,
-    theta: float,
-    vx: float,
-    vy: float,
-    turn_rate: float,
-    pending: NDArray[np.float64],
-    limits: RobotLimits,
-    dt: float,
-) -> RobotState:
-    """Return the state of the robot when a command given now begins to act.
-
-    It is that of `delayed` (kernels/robot/motion.py), but the footprint of a holonomic robot keeps its heading.
-    """
-    wheels = limits.drive != HOLONOMIC
-    a, b = (vx * math.cos(theta) + vy * math.sin(theta), turn_rate) if wheels else (vx, vy)
-    later = delayed(RobotState(x, y, theta, a, b), pending, limits, dt)
-    return later if wheels else RobotState(later.x, later.y, theta, later.a, later.b)
