@@ -24,10 +24,10 @@ def tubes(rng: np.random.Generator, count: int = 3) -> Tubes:
 def gap(trajectory: Tubes, t: float, x: float, y: float, growth: float) -> float:
     """Least distance of the point (x, y) from the edges of the tubes at time t."""
     gaps = []
-    for k in range(len(trajectory.radius)):
-        part = slice(trajectory.first[k], trajectory.first[k + 1])
-        px, py = (np.interp(t, trajectory.knot_t[part], trajectory.knot_xy[part, i]) for i in (0, 1))
-        gaps.append(math.hypot(px - x, py - y) - trajectory.radius[k] - growth * t)
+    for k, radius in enumerate(trajectory.trajectories.radius):
+        knot_t, knot_xy = trajectory.knots(k)
+        px, py = (np.interp(t, knot_t, knot_xy[:, i]) for i in (0, 1))
+        gaps.append(math.hypot(px - x, py - y) - radius - growth * t)
     return min(gaps)
 
 
@@ -108,4 +108,4 @@ def test_the_timed_path_is_what_the_robot_drives(robot: RobotSpec) -> None:
 def test_a_standing_obstacle_has_a_standing_tube() -> None:
     """What does not move is predicted to stay."""
     trajectory = Tubes.predict(2.0, 2.0, np.array([[5.0, 5.0, 0.0, 0.0, 0.3]]), OPEN, 5.0)
-    assert np.allclose(trajectory.knot_xy, (5.0, 5.0))
+    assert np.allclose(trajectory.knots(0)[1], (5.0, 5.0))

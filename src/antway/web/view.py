@@ -185,7 +185,7 @@ class View:
         tubes = Tubes.predict(t, seen_at, rows[1:, :5], self.episode.stage.task.grid, HORIZON + now - t)
         result: list[list[Any]] = []
         for k, (body, *variances) in enumerate(rows[1:, 4:].tolist()):
-            t, xy = (a[tubes.first[k] : tubes.first[k + 1]] for a in (tubes.knot_t, tubes.knot_xy))
+            t, xy = tubes.knots(k)
             times = np.unique(np.concatenate(([now], t[(t > now) & (t < now + HORIZON)], [now + HORIZON])))
             path = np.column_stack((times - now, *(np.interp(times, t, xy[:, i]) for i in (0, 1))))
             wide, faster = (_QUANTILE * math.sqrt(max(variance, 0.0)) for variance in variances)

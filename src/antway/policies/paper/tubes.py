@@ -21,26 +21,17 @@ _KNOTS = 64  # limit of knots of a predicted trajectory; after the last one the 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tubes:
-    """Predicted trajectories of K discs at constant velocity, mirrored at walls; track k has the knots first[k]:first[k + 1].
+    """Predicted trajectories of K discs at constant velocity, mirrored at walls.
 
     Attributes
     ----------
     t : float
         Time of the prediction, s.
-    knot_t, knot_xy, first, radius
-        As in `antway.world.timeline.Timeline`.
+    trajectories : Trajectories
     """
 
     t: float
-    knot_t: NDArray[np.float64]
-    knot_xy: NDArray[np.float64]
-    first: NDArray[np.int64]
-    radius: NDArray[np.float64]
-
-    @property
-    def trajectories(self) -> Trajectories:
-        """The same as a record for kernels."""
-        return Trajectories(self.knot_t, self.knot_xy, self.first, self.radius)
+    trajectories: Trajectories
 
     @staticmethod
     def predict(t: float, seen_at: float, discs: NDArray[np.float64], grid: Grid, horizon: float) -> Tubes:
@@ -50,25 +41,26 @@ class Tubes:
         """
         state = np.array([stream(np.uint64(0), np.uint64(0))], np.uint64)
         points = grid.to_points(discs[:, :2])
-        scale, times, places = grid.resolution, [], []
+        scale, times, places = grid.resolution, [np.empty(0)], [np.empty((0, 2))]
         for (row, col), (vx, vy, radius) in zip(points.tolist(), discs[:, 2:].tolist(), strict=True):
             speed, heading, until = math.hypot(vx, vy) / scale, math.atan2(vy, vx), t - seen_at + horizon
             knots, rc = np.empty(_KNOTS), np.empty((_KNOTS, 2))
             n = bounce(grid.blocked, row, col, speed, heading, radius / scale, math.inf, until, state, knots, rc)
-            n = min(n, _KNOTS)
             times.append(seen_at + knots[:n])
             places.append(grid.to_xy(rc[:n]))
-        first = np.cumsum([0, *map(len, times)], dtype=np.int64)
-        if not times:
-            return Tubes(t, np.empty(0), np.empty((0, 2)), first, np.empty(0))
-        return Tubes(t, np.concatenate(times), np.concatenate(places), first, discs[:, 4].copy())
+        first = np.cumsum([len(knots) for knots in times], dtype=np.int64)
+        return Tubes(t, Trajectories(np.concatenate(times), np.concatenate(places), first, discs[:, 4].copy()))
+
+    def knots(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the knots of the trajectory of track k: t in s, and x and y in m."""
+        knot_t, knot_xy, first, _ = self.trajectories
+        return knot_t[first[k] : first[k + 1]], knot_xy[first[k] : first[k + 1]]
 
     def rows(self) -> NDArray[np.float32]:
         """Return the prediction in the format of a `Decision`, float32[P, 7]."""
         rows = []
-        for k, radius in enumerate(self.radius.tolist()):
-            knots = slice(int(self.first[k]), int(self.first[k + 1]))
-            t, xy = self.knot_t[knots], self.knot_xy[knots]
+        for k, radius in enumerate(self.trajectories.radius.tolist()):
+            t, xy = self.knots(k)
             keep = np.concatenate(([True], np.diff(t) > 0.0))
             t, xy = t[keep], xy[keep]
             span = np.diff(t)[:, None]
