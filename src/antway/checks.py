@@ -49,6 +49,12 @@ def number(
     return result
 
 
+def fields(record: object, *names: str, **limits: Any) -> None:
+    """Check these fields of a frozen dataclass as `number` does within `limits`, and store them as floats."""
+    for name in names:
+        object.__setattr__(record, name, number(name, getattr(record, name), **limits))
+
+
 def integer(
     field: str,
     value: object,

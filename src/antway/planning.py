@@ -118,7 +118,7 @@ class Budget:
 
     def __post_init__(self) -> None:
         if self.seconds is not None:
-            object.__setattr__(self, "seconds", checks.number("seconds", self.seconds, low=0.0, infinite=True, unit="s"))
+            checks.fields(self, "seconds", low=0.0, infinite=True, unit="s")
         if self.cycles is not None:
             checks.integer("cycles", self.cycles, low=0)
         if self.cancel is not None:
@@ -133,8 +133,8 @@ class Budget:
 class Clock(NamedTuple):
     """A running budget."""
 
-    started: float
-    end: float
+    started: float  # s, by `time.perf_counter`
+    end: float  # s; infinite without a limit
     cancel: threading.Event | None
 
     def spent(self) -> bool:

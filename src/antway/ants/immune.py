@@ -55,11 +55,9 @@ class Immune:
     def __post_init__(self) -> None:
         checks.integer("archive", self.archive, low=2, high=1000)
         checks.integer("stagnation", self.stagnation, low=0)
-        for name in ("share", "vaccinated", "cooling", "overlap", "suppression"):
-            tight = name in ("share", "suppression")
-            value = checks.number(name, getattr(self, name), low=0.0, high=1.0, open_low=tight)
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "temperature", checks.number("temperature", self.temperature, low=0.0))
+        checks.fields(self, "share", "suppression", low=0.0, high=1.0, open_low=True)
+        checks.fields(self, "vaccinated", "cooling", "overlap", low=0.0, high=1.0)
+        checks.fields(self, "temperature", low=0.0)
 
 
 @dataclass(slots=True)

@@ -38,7 +38,7 @@ class Constant:
     rho: float = 0.5
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rho", checks.number("rho", self.rho, low=0.0, high=1.0))
+        checks.fields(self, "rho", low=0.0, high=1.0)
 
     def numbers(self) -> NDArray[np.float64]:
         return np.array([kernel.CONSTANT, self.rho, 0.0, 0.0])
@@ -82,8 +82,7 @@ class Decay:
     lo: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("first", "factor", "lo"):
-            object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0, high=1.0))
+        checks.fields(self, "first", "factor", "lo", low=0.0, high=1.0)
 
     def numbers(self) -> NDArray[np.float64]:
         return np.array([kernel.DECAY, self.first, self.factor, self.lo])
@@ -102,7 +101,7 @@ class ByQuality:
 
     def __post_init__(self) -> None:
         _span(self)
-        object.__setattr__(self, "spread", checks.number("spread", self.spread, low=0.0, open_low=True))
+        checks.fields(self, "spread", low=0.0, open_low=True)
 
     def numbers(self) -> NDArray[np.float64]:
         return np.array([kernel.BY_QUALITY, self.lo, self.hi, self.spread])
@@ -110,7 +109,6 @@ class ByQuality:
 
 def _span(policy: Adaptive | ByQuality) -> None:
     """Check 0 <= lo <= hi <= 1."""
-    for name in ("lo", "hi"):
-        object.__setattr__(policy, name, checks.number(name, getattr(policy, name), low=0.0, high=1.0))
+    checks.fields(policy, "lo", "hi", low=0.0, high=1.0)
     if policy.lo > policy.hi:
         raise BadParameter("lo", policy.lo, f"at most hi = {policy.hi}")

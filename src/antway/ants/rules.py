@@ -47,9 +47,8 @@ class _Colony:
         rule: Any = self
         if rule.ants is not None:
             checks.integer("ants", rule.ants, low=1, high=1_000_000)
-        for name in ("alpha", "beta"):
-            object.__setattr__(rule, name, checks.number(name, getattr(rule, name), low=0.0, high=100.0))
-        object.__setattr__(rule, "q", checks.number("q", rule.q, low=0.0, open_low=True))
+        checks.fields(rule, "alpha", "beta", low=0.0, high=100.0)
+        checks.fields(rule, "q", low=0.0, open_low=True)
         if not hasattr(rule.persistence, "numbers"):
             raise BadParameter("persistence", rule.persistence, "a persistence policy such as Constant(0.9)")
 
@@ -77,7 +76,7 @@ class ElitistAntSystem(_Colony):
     def __post_init__(self) -> None:
         _Colony.__post_init__(self)
         if self.elite is not None:
-            object.__setattr__(self, "elite", checks.number("elite", self.elite, low=0.0))
+            checks.fields(self, "elite", low=0.0)
 
     def numbers(self, ants: int) -> Numbers:
         return _numbers(self, deposit_weight=np.ones(ants), elite=self._weight(ants))
@@ -135,9 +134,9 @@ class MaxMinAntSystem(_Colony):
 
     def __post_init__(self) -> None:
         _Colony.__post_init__(self)
-        object.__setattr__(self, "p_best", checks.number("p_best", self.p_best, low=1e-300, high=1.0 - 1e-9))
+        checks.fields(self, "p_best", low=1e-300, high=1.0 - 1e-9)
         if self.choices is not None:
-            object.__setattr__(self, "choices", checks.number("choices", self.choices, low=1.0, open_low=True))
+            checks.fields(self, "choices", low=1.0, open_low=True)
         checks.integer("restart", self.restart, low=0)
         allowed = "(cycle, every) pairs of rising cycles from 0"
         pairs = [checks.sequence("schedule", pair, allowed) for pair in checks.sequence("schedule", self.schedule, allowed)]
@@ -173,8 +172,7 @@ class AntColonySystem(_Colony):
 
     def __post_init__(self) -> None:
         _Colony.__post_init__(self)
-        for name in ("q0", "xi"):
-            object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0, high=1.0))
+        checks.fields(self, "q0", "xi", low=0.0, high=1.0)
 
     def numbers(self, ants: int) -> Numbers:
         return _numbers(self, deposit_weight=np.zeros(ants), elite=1.0, q0=self.q0, xi=self.xi, best_only=True)

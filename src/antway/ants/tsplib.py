@@ -113,7 +113,7 @@ class Tsp:
             if self.metric == "GEO":
                 object.__setattr__(self, "matrix", _geographic(xy))
         if self.optimum is not None:
-            object.__setattr__(self, "optimum", checks.number("optimum", self.optimum, low=0.0))
+            checks.fields(self, "optimum", low=0.0)
 
     @property
     def size(self) -> int:
