@@ -31,7 +31,6 @@ def lower_bound(stops: Stops) -> float:
     far = shortest(stops.matrix)
     inner = stops.inner
     # Some robot goes to each stop and then to the end; and the total work is divided among the robots.
-    ends = {stops.start} | (set() if stops.end is None else {stops.end})
     leaves = float(stops.windows[stops.start, 0])
     each = (
         np.maximum(leaves + stops.service[stops.start] + far[stops.start, inner], stops.windows[inner, 0])
@@ -40,8 +39,8 @@ def lower_bound(stops: Stops) -> float:
     if stops.end is not None:
         home = 0.0 if stops.closed else float(stops.service[stops.end])
         each = each + far[inner, stops.end] + home
-    shared = leaves + (travel + float(stops.service[[i for i in range(len(far)) if i not in ends]].sum())) / stops.robots
-    own = float(sum(stops.service[i] for i in ends)) if stops.robots == 1 else 0.0
+    shared = leaves + (travel + float(stops.service[inner].sum())) / stops.robots
+    own = float(stops.service[stops.ends].sum()) if stops.robots == 1 else 0.0
     return max(float(each.max(initial=0.0)) * _SAFE, shared + own * _SAFE)
 
 
@@ -81,7 +80,7 @@ def worth_bound(stops: Stops) -> float:
     elif stops.closed:
         done = done + far[:, start]
     possible = (first <= windows[:, 1] * (1.0 + 1e-9)) & (done <= stops.deadline * (1.0 + 1e-9))
-    possible[[start] if stops.end is None else [start, stops.end]] = True
+    possible[stops.ends] = True
     return float(stops.priorities[possible].sum())
 
 

@@ -12,9 +12,9 @@ from antway.kernels.colony import fleet as kernel
 from antway.planning import Clock
 from antway.tours.stops import Floats, Order, Stops
 
-_TURNS = 100  # turns between two looks at the clock
+_ITERATIONS = 100  # iterations between two looks at the clock
 _ANNEALINGS = 8  # limit of annealings that share the budget; the best one counts
-_ENOUGH = 250  # turns per stop from which another annealing is better than a slower one
+_ENOUGH = 250  # iterations per stop from which another annealing is better than a slower one
 _FIRST = 3  # number of looks at the clock after which the number of annealings is decided
 _HOT, _COLD = 3.0, 0.1  # initial and final temperature, in typical steps
 _PRICE = 3.0  # price of leaving out a stop of mean priority, in typical steps
@@ -50,10 +50,8 @@ def inner_places(rows: Order, orders: list[Order]) -> tuple[list[list[int]], lis
     return kept, sorted(place.values())
 
 
-def best_routes(
-    stops: Stops, clock: Clock, seconds: float, cycles: int | None, seed: int, initial: list[Order] | None
-) -> list[Order]:
-    """Search for the best routes of all robots until `seconds` are over or `cycles` of 100 turns are done.
+def best_routes(stops: Stops, clock: Clock, cycles: int | None, seed: int, initial: list[Order] | None) -> list[Order]:
+    """Search for the best routes of all robots until the clock is spent or `cycles` of 100 iterations are done.
 
     An annealing ends in one local optimum, and slower cooling helps little. If the budget allows, there are several, each from
     its own routes.
@@ -78,16 +76,16 @@ def best_routes(
     hot, runs, run = _COLD if initial is not None else _HOT, 1, 0
     while done < limit and not (done and clock.spent()):
         # The temperature falls with the used share of an annealing's budget.
-        passed = time.perf_counter() - started
-        used = done / limit if cycles is not None else min(1.0, passed / max(seconds, 1e-9))
+        passed = (time.perf_counter() - started) / max(clock.end - clock.started, 1e-9)
+        used = done / limit if cycles is not None else min(1.0, passed)
         if done == _FIRST and initial is None and used > 0.0:
-            runs = min(max(int(done / used * _TURNS / (_ENOUGH * n)), 1), _ANNEALINGS)
+            runs = min(max(int(done / used * _ITERATIONS / (_ENOUGH * n)), 1), _ANNEALINGS)
         if int(used * runs) > run and used < 1.0:
             run = int(used * runs)
             current = kernel.routes(n, stops.robots)
             record[kernel.COST], _ = kernel.start(fleet, current, drawn(2**63 + run))
         temperature = step * hot * (_COLD / hot) ** (used * runs - run)
-        kernel.anneal(fleet, scratch, current, best, record, drawn(done + 1), _TURNS, temperature)
+        kernel.anneal(fleet, scratch, current, best, record, drawn(done + 1), _ITERATIONS, temperature)
         done += 1
     orders = [rows[best.stops[k, : best.sizes[k]]] for k in range(stops.robots)]
     if stops.priorities is None:
@@ -101,10 +99,9 @@ def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floa
     finite = spans[np.isfinite(spans)]
     horizon = float(opens.max() + np.where(np.isfinite(spans), spans, 0.0).max(axis=1).sum()) + 1.0
     closes = np.minimum(closes, horizon)
-    inner = spans[1:-1, 1:-1].copy()
-    inner = np.minimum(inner, inner.T)
+    inner = np.minimum(spans[1:-1, 1:-1], spans[1:-1, 1:-1].T)
     np.fill_diagonal(inner, np.inf)
-    near = 1 + np.argsort(inner, axis=1, kind="stable")[:, : n - 3].astype(np.int32)
+    near = np.pad(1 + np.argsort(inner, axis=1, kind="stable")[:, : n - 3].astype(np.int32), ((1, 1), (0, 0)))
     closest = np.sort(inner, axis=1)[:, :3]
     closest = closest[np.isfinite(closest)]
     step = float(closest.mean() if closest.size and closest.any() else finite.mean()) or 1.0
@@ -114,10 +111,9 @@ def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floa
     else:
         worth[1:-1] = stops.priorities[rows[1:-1]]
         price[1:-1] = worth[1:-1] / (float(worth[1:-1].mean()) or 1.0) * _PRICE * step
-    near = np.vstack((np.zeros((1, n - 3), dtype=np.int32), near, np.zeros((1, n - 3), dtype=np.int32)))
     last = 1.0 if stops.objective == "makespan" else 0.0
     total = 1e-4 if last else 0.1 if stops.priorities is not None else 1.0
-    return kernel.Fleet(np.ascontiguousarray(spans), opens, closes, price, worth, np.ascontiguousarray(near), last, total), step
+    return kernel.Fleet(spans, opens, closes, price, worth, near, last, total), step
 
 
 def _fill(routes: kernel.Routes, rows: Order, orders: list[Order]) -> None:

@@ -142,8 +142,7 @@ def order_stops(
     quick = quick or (budget.seconds is not None and budget.seconds < _PREPARATION * len(stops.matrix) ** 3)
     proven, pheromone = False, None
     if stops.robots > 1 or stops.priorities is not None:
-        allowed = math.inf if budget.seconds is None else budget.seconds
-        orders = best_routes(stops, clock, allowed, cycles, seed, known)
+        orders = best_routes(stops, clock, cycles, seed, known)
     else:
         order, proven, pheromone = best_order(stops, clock, cycles, seed, None if known is None else known[0], learned, quick)
         orders = [order]
@@ -172,8 +171,7 @@ def _initial(stops: Stops, initial: Ordering | object) -> tuple[list[Order] | No
         wrong = [stop for stop in order.tolist() if not (stop >= 0 and stop == int(stop))]
         if wrong:
             raise BadParameter("initial", wrong[0], f"stops 0 to {n - 1}, each at most once")
-        ends = {stops.start, stops.end}
-        inner = list(dict.fromkeys(int(stop) for stop in order.tolist() if stop < n and int(stop) not in ends))
+        inner = list(dict.fromkeys(int(stop) for stop in order.tolist() if stop < n and int(stop) not in stops.ends))
         tail = [] if stops.end is None else [stops.end]
         orders.append(np.array([stops.start, *inner, *tail], dtype=np.int32))
     return orders or None, learned
@@ -181,21 +179,18 @@ def _initial(stops: Stops, initial: Ordering | object) -> tuple[list[Order] | No
 
 def finished(stops: Stops, orders: list[Order], bound: float, pheromone: Floats | None = None) -> Ordering:
     """Return the `Ordering` of `orders`, with times computed from the matrix."""
-    timings = [stops.timing(order) for order in orders]
-    if stops.objective == "makespan":
-        cost = float(max(done for _, _, done, _ in timings))
-    else:
-        cost = sum(stops.travel(order) for order in orders)
-    late = sum(lateness for _, _, _, lateness in timings)
-    if late <= _NEAR * (1.0 + max(done for _, _, done, _ in timings)):
+    arrival, waiting, done, lateness = zip(*(stops.timing(order) for order in orders))
+    cost = float(max(done)) if stops.objective == "makespan" else sum(stops.travel(order) for order in orders)
+    late = sum(lateness)
+    if late <= _NEAR * (1.0 + max(done)):
         late = 0.0  # nothing but rounding errors of sums
     visited = np.unique(np.concatenate(orders))
     collected = 0.0 if stops.priorities is None else float(stops.priorities[visited].sum())
     whole = stops.priorities is not None or len(visited) == len(stops.matrix)
     return Ordering(
         tuple(orders),
-        tuple(arrival for arrival, _, _, _ in timings),
-        tuple(waiting for _, waiting, _, _ in timings),
+        arrival,
+        waiting,
         cost,
         late,
         late == 0.0 and math.isfinite(cost) and whole,

@@ -42,10 +42,14 @@ class Stops:
         return bool(np.isfinite(self.windows[:, 1]).any() or (self.windows[:, 0] > 0.0).any() or self.deadline < math.inf)
 
     @property
+    def ends(self) -> list[int]:
+        """The start, and the end if it is another stop."""
+        return [self.start] if self.end is None or self.closed else [self.start, self.end]
+
+    @property
     def inner(self) -> Order:
         """The stops without start and end, int32[m]."""
-        ends = {self.start, self.end}
-        return np.array([i for i in range(len(self.matrix)) if i not in ends], dtype=np.int32)
+        return np.delete(np.arange(len(self.matrix), dtype=np.int32), self.ends)
 
     def timing(self, order: Order) -> tuple[Floats, Floats, float, float]:
         """Return arrival and waiting at each stop of `order`, the end time of the robot, and its lateness, in s.
@@ -90,12 +94,8 @@ def checked(
     else:
         last = None if end is None else checks.integer("end", end, low=0, high=n - 1)
     opens = checked_windows(windows, n)
-    stays = np.zeros(n) if service is None else checks.array("service", service, (n,))
-    worth = None if priorities is None else checks.array("priorities", priorities, (n,))
-    for name, values in (("service", stays), ("priorities", worth)):
-        for i in [] if values is None else np.flatnonzero((values < 0.0) | (values > 1e9))[:1]:
-            assert values is not None
-            raise BadParameter(f"{name}[{i}]", float(values[i]), "in [0, 1e9]")
+    stays = np.zeros(n) if service is None else _amounts("service", service, n)
+    worth = None if priorities is None else _amounts("priorities", priorities, n)
     return Stops(
         times,
         first,
@@ -107,6 +107,14 @@ def checked(
         checks.integer("robots", robots, low=1, high=1_000),
         checks.choice("objective", objective, OBJECTIVES),
     )
+
+
+def _amounts(name: str, values: object, n: int) -> Floats:
+    """Return `values` as float64[n] of numbers in [0, 1e9]."""
+    result = checks.array(name, values, (n,))
+    for i in np.flatnonzero((result < 0.0) | (result > 1e9))[:1]:
+        raise BadParameter(f"{name}[{i}]", float(result[i]), "in [0, 1e9]")
+    return result
 
 
 def checked_matrix(matrix: object, most: int, of: str, *, finite: bool) -> Floats:

@@ -173,17 +173,15 @@ def solve_tsptw(
     found = search(path, clock, makespan=makespan, cycles=cycles, seed=seed, target=good, initial=first)
     order = found.order[:-1]
     cost, late = evaluate(instance, order, makespan)
-    conflict = tuple(sorted({node % n for node in found.conflict}))
-    if late > 0.0 and not found.late > 0.0:
-        late = 0.0  # nothing but rounding errors
+    feasible, bound = not found.late > 0.0, path.bound(makespan)
     return TsptwResult(
         order.copy(),
         cost,
-        not found.late > 0.0,
-        late,
-        conflict,
+        feasible,
+        0.0 if feasible else late,  # a feasible order is late by nothing but rounding errors
+        tuple(sorted({node % n for node in found.conflict})),
         found.proven,
-        min(path.bound(makespan), cost) if not found.late > 0.0 else path.bound(makespan),
+        min(bound, cost) if feasible else bound,
         found.cycles,
         np.array(found.history, dtype=np.float64).reshape(-1, 3),
         clock.elapsed(),

@@ -38,8 +38,7 @@ def shortest_order(
     first = rows_from_start(stops)
     if n <= FEW:
         end = -1 if stops.end is None else int(np.argsort(first)[stops.end])
-        order = held_karp.best_of_few(np.ascontiguousarray(away[np.ix_(first, first)]), end)
-        whole = _finish(first[order], stops)
+        whole = _as_order(held_karp.best_of_few(np.ascontiguousarray(away[np.ix_(first, first)]), end), stops)
         return whole, stops.travel(whole)
     closed, extra, end = closed_matrix(stops, away)
     least = held_karp_bound(closed, extra, end)
@@ -48,7 +47,7 @@ def shortest_order(
     left = None if clock.end == math.inf else max(0.0, clock.end - time.perf_counter())
     tour = solve_tsp(instance, local_search="3opt", seconds=left, cycles=cycles, seed=seed, cancel=clock.cancel)
     order = tour.order if known is None or tour.length < instance.length(known) else known
-    return _finish(first[_from_start(order, n, end)], stops), least
+    return _as_order(_from_start(order, n, end), stops), least
 
 
 def improved_order(stops: Stops, initial: Order) -> Order:
@@ -56,7 +55,7 @@ def improved_order(stops: Stops, initial: Order) -> Order:
     first, n = rows_from_start(stops), len(stops.matrix)
     closed, _, end = closed_matrix(stops, stops.matrix)
     order = _improved(Tsp(matrix=closed), np.argsort(first)[initial], end)
-    return _finish(first[_from_start(order, n, end)], stops)
+    return _as_order(_from_start(order, n, end), stops)
 
 
 def rows_from_start(stops: Stops) -> Order:
@@ -109,22 +108,20 @@ def _improved(instance: Tsp, known: NDArray[np.int64], end: int) -> Order:
 
 
 def _from_start(order: Order, n: int, end: int) -> Order:
-    """Return a closed tour over rows, without the extra node `n`, from row 0 to `end`."""
-    at = int(np.flatnonzero(order == 0)[0])
-    order = np.roll(order, -at)
+    """Return a closed tour over rows of `closed_matrix` from row 0 to `end`, without the extra node `n`."""
+    order = np.roll(order, -int(np.flatnonzero(order == 0)[0]))
     if end != 0:
         if order[1] == n:
             order = np.r_[order[:1], order[:0:-1]]
         assert order[-1] == n
         order = order[:-1]
-    return order.astype(np.int32)
+    return order
 
 
-def _finish(order: Order, stops: Stops) -> Order:
-    """Return `order` in a unique direction, for a closed tour with the start again at its end."""
-    if stops.closed:
-        order = np.r_[order, order[:1]]
-    return order.astype(np.int32)
+def _as_order(rows: Order, stops: Stops) -> Order:
+    """Return rows of `closed_matrix` as stops; a closed tour gets its start again at the end."""
+    order = rows_from_start(stops)[rows]
+    return np.append(order, order[:1]) if stops.closed else order
 
 
 def _nearest_first(away: Floats) -> float:

@@ -16,9 +16,8 @@ from antway.kernels.colony import windows as kernel
 from antway.kernels.colony.window_repair import QUICK_WORK, WORK, lateness, repair
 from antway.kernels.colony.window_search import MoveOptions, timed_order
 from antway.planning import Clock
+from antway.tours.stops import Floats, Order
 
-Floats = NDArray[np.float64]
-Order = NDArray[np.int32]
 _WIDER = 128  # width of a wide beam for each cycle before it
 _FEW_ATTEMPTS = 10  # random moves between two looks at the clock when an earlier order must be repaired quickly
 _LONGEST = 8  # largest number of stops in a moved part of an order
@@ -94,16 +93,17 @@ class Path:
         steps, opens, closes, far = self.time.copy(), self.opens.copy(), self.closes.copy(), self.far
         first = np.zeros(steps.shape, dtype=np.bool_)
         leave, enter = np.zeros((2, len(steps)))
-        if self.quick:
-            return _record(steps, far, opens, closes, first, leave, enter), True
-        for _ in range(2):
+        feasible = True
+        for _ in range(0 if self.quick else 2):
             if kernel.tighten(steps, far, opens, closes, first) >= 0:  # a stop that no order visits in time
-                return _record(steps, far, opens, closes, first, leave, enter), False
+                feasible = False
+                break
             loops = steps.copy()
             np.fill_diagonal(loops, 0.0)
             far = kernel.shortest(loops)
-        leave[:-1], enter[1:] = kernel.assignment(np.ascontiguousarray(steps[:-1, 1:]))
-        return _record(steps, far, opens, closes, first, leave, enter), True
+        if feasible and not self.quick:
+            leave[:-1], enter[1:] = kernel.assignment(np.ascontiguousarray(steps[:-1, 1:]))
+        return _record(steps, far, opens, closes, first, leave, enter), feasible
 
     def conflict(self) -> tuple[int, ...]:
         """Return up to three stops that no order visits in time."""
@@ -227,9 +227,8 @@ class _Run:
         # Among orders with equal ends, a millionth of the travel time decides.
         self.target = target * path.scale * (1.0 + (3e-6 if makespan else 1e-9)) if math.isfinite(target) else target
         tau = np.full((n, n), colonies.TAU_0) if pheromone is None or pheromone.shape != (n, n) else pheromone.copy()
-        self.colony = colonies.Colony(
-            tau, np.zeros((n, n)), np.zeros((3, n), dtype=np.int32), np.array([math.inf, math.inf, 0.0, 0.0])
-        )
+        record = np.array([math.inf, math.inf, 0.0, 0.0])
+        self.colony = colonies.Colony(tau, np.zeros((n, n)), np.zeros((3, n), dtype=np.int32), record)
         self.beam, self.timed = beams.workspace(n, _WIDTH), timed_order(n)
         self.start, self.warm, self.proven = start, warm, False
         self.history: list[tuple[int, float, float]] = []

@@ -1,7 +1,8 @@
 """Several routes, possibly through only some of the stops: strings of neighbouring stops are removed and reinserted.
 
 Slack induction by string removals (SISR: Christiaens, Vanden Berghe, Transportation Science 54, 2020) under simulated
-annealing. Stops that fit nowhere stay out and cost a price. A turn ruins the routes, recreates them, and keeps or rejects them.
+annealing. Stops that fit nowhere stay out and cost a price. Each iteration ruins and recreates the routes, and keeps the result
+or returns to the routes before.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.colony.windows import Floats, Ids, schedule
 
 OUT = -1  # route of a stop that is in none
-MEAN_REMOVED = 10  # average number of stops removed in a turn
+MEAN_REMOVED = 10  # average number of stops removed in an iteration
 LONGEST_STRING = 10  # largest number of stops in a removed string
 SPLIT = 0.5  # probability that some stops within a string stay
 MORE_STAY = 0.99  # probability that one more of them stays
@@ -245,9 +246,9 @@ def restore(fleet: Fleet, source: Routes, target: Routes) -> None:
 
 @kernel
 def anneal(
-    fleet: Fleet, r: Routes, current: Routes, best: Routes, record: Floats, seed: np.uint64, turns: int, temperature: float
+    fleet: Fleet, r: Routes, current: Routes, best: Routes, record: Floats, seed: np.uint64, iterations: int, temperature: float
 ) -> None:
-    """Ruin and recreate `turns` times at one temperature, from the routes `current` on; r is scratch.
+    """Ruin and recreate `iterations` times at one temperature, from the routes `current` on; r is scratch.
 
     record : [3] objective of `current` (COST), priorities (BEST_WORTH) and objective (BEST_COST) of `best`.
     """
@@ -255,7 +256,7 @@ def anneal(
     n = len(r.route)
     touched, absent, keys = np.zeros(len(r.sizes), dtype=np.bool_), np.zeros(n, dtype=np.int32), np.zeros(n)
     restore(fleet, current, r)
-    for _ in range(turns):
+    for _ in range(iterations):
         ruin(fleet, r, touched, state)
         recreate(fleet, r, absent, keys, state)
         cost, worth = objective(fleet, r)
