@@ -17,7 +17,8 @@ from antway.ants.tsplib import Tsp, permutation
 from antway.errors import BadParameter
 from antway.kernels.colony import tour as cities_kernel
 from antway.kernels.colony import tsp as kernel
-from antway.kernels.colony.pheromone import Numbers
+from antway.kernels.colony.pheromone import Numbers, limits
+from antway.kernels.colony.pheromone import persistence as persistence_of
 
 NO_LOCAL_SEARCH = kernel.LocalSearchOptions(-1, 0, 0, 0)
 
@@ -42,6 +43,10 @@ class Colony:
         Number of edges of a city that hold pheromone: those to the nearest other cities.
     pheromone : array_like[n, k] or None
         Initial pheromone, such as that of an earlier colony; > 0.
+    options : LocalSearchOptions
+        How ants improve or change their tours; by default they do not.
+    immune : Immune or None
+        The immune operator; only `run` applies it.
 
     Examples
     --------
@@ -99,10 +104,10 @@ class Colony:
         greedy = max(greedy, 1e-300)  # all cities may be in one place
         self.state.bests[:] = orders[0]
         first = self.rule.initial(m, n, greedy)
-        if self.numbers.p_best > 0.0:
-            first = kernel.first_limit(self.numbers, greedy)
-        record[kernel.TAU_0] = first
-        tau[:] = first
+        if self.numbers.p_best > 0.0:  # rules with limits begin with tau_max, for which only the length matters
+            rho = persistence_of(self.numbers.persistence_rule, 1.0, 0.0, 0, 0.0)
+            _, first = limits(self.numbers, rho, greedy, 2, 2.0)
+        record[kernel.TAU_0] = tau[:] = first
         if pheromone is not None:
             field = checks.array("pheromone", pheromone, (n, k))
             if not (field > 0.0).all():

@@ -63,7 +63,7 @@ class AntGraph:
     @cached_property
     def offsets(self) -> NDArray[np.int64]:
         """Flat step of each move, int64[8]; 0 for moves that FOUR does not have."""
-        return np.resize(np.append(self.net.offsets, [0] * 4), 8).astype(np.int64)
+        return np.pad(self.net.offsets, (0, 8 - len(self.net.offsets)))
 
     @cached_property
     def lengths(self) -> NDArray[np.float64]:

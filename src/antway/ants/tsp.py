@@ -177,7 +177,8 @@ def solve_tsp(
         return Tour(order, length, np.empty((0, 3)), none, none.astype(np.int32), 0, clock.elapsed(), length)
     colony = Colony(instance, chosen, seed=seed, candidates=candidates, pheromone=pheromone, options=options, immune=immune)
     per_cycle = colony.tours
-    limit = _cycles(cycles, tours, seconds, per_cycle)
+    limits = [count for count in (cycles, None if tours is None else -(-tours // per_cycle)) if count is not None]
+    limit = min(limits, default=1000 if seconds is None else 2**62)
     target = instance.optimum or 0.0
     history: list[tuple[float, float, float]] = []
     batch = 1
@@ -220,13 +221,3 @@ def local_search_options(
     temperatures = _TEMPERATURE, _TEMPERATURE_REBUILT
     options = LocalSearchOptions(breadth, n if longest is None else longest, attempts, 30, *temperatures, rebuild_every)
     return options, MMAS_WITH_SEARCH if rule == "mmas" else rule
-
-
-def _cycles(cycles: int | None, tours: int | None, seconds: float | None, per_cycle: int) -> int:
-    """Return how many cycles the budget allows."""
-    limits = [] if cycles is None else [cycles]
-    if tours is not None:
-        limits.append(-(-tours // per_cycle))
-    if seconds is None and not limits:
-        limits.append(1000)
-    return min(limits, default=2**62)

@@ -65,7 +65,7 @@ def bound(cost: Floats, tour: float, rounds: int) -> float:
     n = len(cost)
     price, last, degree = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
     near, link = np.empty(n), np.empty(n, np.int64)
-    best, step = -np.inf, 0.0
+    best = -np.inf
     first = one_tree(cost, price, near, link, degree)
     step_0 = max(1e-3 * tour, 0.5 * (tour - first), 1e-12) / n
     for k in range(rounds):

@@ -12,8 +12,6 @@ from antway.kernels.base.jit import kernel
 
 CONSTANT, ADAPTIVE, PRINTED, DECAY, BY_QUALITY = range(5)  # kinds of persistence, see `antway.ants.persistence`
 FLOOR = 1e-150  # least pheromone of an edge that no ant takes, so that it is always > 0
-
-
 _NO_SCHEDULE = np.empty((0, 2), dtype=np.int64)
 
 

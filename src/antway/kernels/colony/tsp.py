@@ -276,11 +276,10 @@ def build(
     search = workspace(n, 0 if options.attempts == 0 else 500)
     unlogged = Search(search.order, search.place, search.queue, search.queued, search.log[:0], search.counts)
     sums, left = np.empty(cities.near.shape[1], dtype=np.float32), np.empty(n, dtype=np.float32)
-    state = np.empty(1, dtype=np.uint64)
+    state, cycle = np.empty(1, dtype=np.uint64), int(colony.record[CYCLE])
     for ant in range(first, last):
         order = colony.orders[ant]
-        state[0] = rng.stream(seed, np.uint64(int(colony.record[CYCLE]) * m + ant))
-        cycle = int(colony.record[CYCLE])
+        state[0] = rng.stream(seed, np.uint64(cycle * m + ant))
         if options.attempts > 0 and cycle > 0 and (options.rebuild_every == 0 or (cycle + ant) % options.rebuild_every != 0):
             set_tour(search, order)
             colony.lengths[ant] -= refine(cities, colony, options, options.temperature, state, search, sums)
@@ -400,10 +399,3 @@ def walk_once(cities: Cities, colony: Colony, numbers: Numbers, seed: np.uint64)
     n, k = cities.near.shape
     left, sums = np.empty(n, dtype=np.float32), np.empty(k, dtype=np.float32)
     return walk(cities, colony, numbers, rng.mix(seed), colony.orders[0], left, sums)
-
-
-@kernel
-def first_limit(numbers: Numbers, best: float) -> float:
-    """Return MMAS's tau_max before the first cycle, for a greedy tour of length `best`."""
-    rho = persistence(numbers.persistence_rule, 1.0, 0.0, 0, 0.0)
-    return limits(numbers, rho, best, 2, 2.0)[1]

@@ -252,21 +252,15 @@ def best_reversal(
 
 
 @bare_kernel
-def watch(t: TimedOrder, move: Move) -> None:
-    """Mark the stops beside the cuts of a move for another look."""
+def make(problem: Windows, t: TimedOrder, move: Move) -> None:
+    """Make a move, and mark the stops beside its cuts for another look."""
+    change(t, move)
+    refresh(problem, t)
     n = len(t.order)
     for cut in (move.i, move.j + 1, move.k + 1, move.i + move.k - move.j):
         for p in (cut - 1, cut):
             if 0 < p < n - 1:
                 t.look[t.order[p]] = True
-
-
-@bare_kernel
-def make(problem: Windows, t: TimedOrder, move: Move) -> None:
-    """Make a move, and mark the stops beside its cuts for another look."""
-    change(t, move)
-    refresh(problem, t)
-    watch(t, move)
 
 
 @bare_kernel
