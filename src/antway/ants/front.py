@@ -98,27 +98,27 @@ def pareto(
     if "exposure" in names or exposure is not None:
         risk = checks.array("exposure", exposure, grid.shape)
         checks.number("exposure", float(risk.min()), low=0.0)
-    mixed = Mixed(problem, seed, ants, threads, clock)
-    graph, archive = mixed.graph, _Archive([OBJECTIVES.index(name) for name in names])
+    colony = _Colony(problem, seed, ants, threads, clock)
+    graph, archive = colony.graph, _Archive([OBJECTIVES.index(name) for name in names])
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
-    status = mixed.status()
+    status = colony.status()
     if status is Status.FOUND:
         clearance = graph.flat(grid.clearance() / grid.resolution)
-        danger = graph.flat(risk)
-        danger[~np.isfinite(danger)] = 0.0
-        with mixed.walkers:
-            aims = _weightings(mixed, archive, names, clearance, danger)
+        danger = np.pad(risk, 1).ravel()
+        with colony.walkers:
+            aims = _weightings(colony, archive, names, clearance, danger)
             for t in range(cycles):
                 for value, turn in aims:
-                    if mixed.walk(value, turn, KEEN[t % len(KEEN)]):
-                        archive.take(mixed.score(clearance, danger), mixed.walkers)
-    spent = status is Status.FOUND and clock.spent()
+                    if colony.walk(value, turn, KEEN[t % len(KEEN)]):
+                        archive.take(colony.score(clearance, danger), colony.walkers)
+    if status is Status.FOUND and (clock.spent() or not archive.paths):
+        status = Status.BUDGET
     order = np.argsort(archive.scores[:, 0], kind="stable")
     values = archive.scores[order] * np.array(
         [{"turns": 1.0, "clearance": -grid.resolution}.get(n, grid.resolution) for n in names]
     )
     plans = tuple(plan_of(problem, Status.FOUND, archive.paths[i], graph.bound, 0, clock) for i in order)
-    return Front(Status.BUDGET if spent or (status is Status.FOUND and not plans) else status, names, values, plans)
+    return Front(status, names, values, plans)
 
 
 def alternatives(
@@ -176,12 +176,12 @@ def alternatives(
     overlap = checks.number("overlap", overlap, low=0.0, high=1.0)
     apart = checks.integer("apart", apart, low=0, high=1000)
     path_ratio = checks.number("path_ratio", path_ratio, low=1.0)
-    mixed = Mixed(problem, seed, ants, threads, clock)
+    colony = _Colony(problem, seed, ants, threads, clock)
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
-    status, graph = mixed.status(), mixed.graph
+    status, graph = colony.status(), colony.graph
     if status is not Status.FOUND or graph.bound == 0.0:
         return (plan_of(problem, status, NO_PATH if status is Status.FOUND else None, 0.0, 0, clock),)
-    found_paths: list[NDArray[np.uint8]] = []
+    paths: list[NDArray[np.uint8]] = []
     near: list[NDArray[np.bool_]] = []  # the cells near each path
 
     def new_path(dearer: float) -> NDArray[np.uint8] | None:
@@ -190,33 +190,33 @@ def alternatives(
         value = kernel.costs_to_go(graph.for_kernels, cost, 0.0)
         found, longest = None, path_ratio * graph.bound * (1 + 1e-9)
         for beta in KEEN:
-            mixed.walk(value, 0.0, beta)
-            for ant in np.argsort(mixed.walkers.length, kind="stable"):
-                if mixed.walkers.length[ant] > longest:
+            colony.walk(value, 0.0, beta)
+            for ant in np.argsort(colony.walkers.length, kind="stable"):
+                if colony.walkers.length[ant] > longest:
                     break
-                path = mixed.walkers.path(ant)
+                path = colony.walkers.path(ant)
                 if all(zone[graph.cells(path)].mean() <= overlap for zone in near):
-                    found, longest = path, float(mixed.walkers.length[ant]) * (1 - 1e-9)
+                    found, longest = path, float(colony.walkers.length[ant]) * (1 - 1e-9)
                     break
         return found
 
-    with mixed.walkers:
+    with colony.walkers:
         for _ in range(k):
             tries = (new_path(2.0**cycle) for cycle in range(-2, cycles - 2) if not clock.spent())
-            moves_of = next((moves_of for moves_of in tries if moves_of is not None), None)
-            if moves_of is None:
+            path = next((path for path in tries if path is not None), None)
+            if path is None:
                 break
-            found_paths.append(moves_of)
-            zone = np.zeros(problem.grid.shape, dtype=bool)
-            zone[tuple(np.array(np.divmod(graph.cells(moves_of), graph.net.width)) - 1)] = True
-            near.append(graph.flat(scipy.ndimage.maximum_filter(zone, 2 * apart + 1).astype(np.float64)) == 1.0)
-    if not found_paths:
+            paths.append(path)
+            passed = np.zeros(graph.distance.size, dtype=bool)
+            passed[graph.cells(path)] = True
+            near.append(np.pad(scipy.ndimage.maximum_filter(graph.net.inner(passed), 2 * apart + 1), 1).ravel())
+    if not paths:
         return (plan_of(problem, Status.BUDGET, None, graph.bound, 0, clock),)
-    plans = (plan_of(problem, Status.FOUND, moves_of, graph.bound, 0, clock) for moves_of in found_paths)
+    plans = (plan_of(problem, Status.FOUND, path, graph.bound, 0, clock) for path in paths)
     return tuple(sorted(plans, key=lambda plan: plan.length))
 
 
-class Mixed:
+class _Colony:
     """Ants on the graph of a problem, which use one weighting of the objectives after another."""
 
     def __init__(self, problem: Problem, seed: int, ants: int, threads: int, clock: Clock) -> None:
@@ -267,7 +267,7 @@ class _Archive:
 
 
 def _weightings(
-    mixed: Mixed, archive: _Archive, names: Sequence[str], clearance: NDArray[np.float64], danger: NDArray[np.float64]
+    colony: _Colony, archive: _Archive, names: Sequence[str], clearance: NDArray[np.float64], danger: NDArray[np.float64]
 ) -> list[tuple[NDArray[np.float64], float]]:
     """Return the costs to go of each weighting, and the cost of a turn in it.
 
@@ -280,16 +280,16 @@ def _weightings(
         cost = 1.0 + exposure * danger + PURE * (clearance < level)
         return kernel.costs_to_go(graph.for_kernels, cost, turn), turn
 
-    graph = mixed.graph
+    graph = colony.graph
     widest = min(clearance[graph.start], clearance[graph.goal])
     most = {"turns": PURE, "exposure": PURE / max(float(danger.max()), 1e-300), "clearance": widest}
     extra = [name for name in most if name in names]
     ends = []
     for end in (None, *extra):
         value, turn = aim(*(most[name] * (1.0 if name == end else 1e-5) for name in most))  # the others break ties
-        if mixed.walk(value, turn, KEEN[-1]):
-            scores = mixed.score(clearance, danger)
-            archive.take(scores, mixed.walkers)
+        if colony.walk(value, turn, KEEN[-1]):
+            scores = colony.score(clearance, danger)
+            archive.take(scores, colony.walkers)
             column = OBJECTIVES.index(end or "length")
             ends.append(scores[np.lexsort((scores[:, 0], scores[:, column]))[0]])
     span = np.ptp(np.array(ends), axis=0) if ends else np.zeros(len(OBJECTIVES))

@@ -85,21 +85,26 @@ class TimedFront:
 
 
 class _Graph:
-    """The moves of a disc on a grid in periods of equal length, and their gaps to the obstacles."""
+    """The moves of a disc on a grid in periods of equal length, and their gaps to the obstacles; see `timed_front`."""
 
     def __init__(
         self, problem: Problem, obstacles: Trajectories | None, radius: float, v_max: float, horizon: float, most: float
     ) -> None:
-        grid, moves = problem.grid, problem.moves
-        self.problem, self.most = problem, most
+        grid, moves = checks.instance("problem", problem, Problem).grid, problem.moves
+        if len(moves.offsets) > 8:
+            raise BadParameter("problem.moves", moves.value, "to the 4 or 8 neighbours")
+        radius = checks.number("radius", radius, low=0.0, unit="m")
+        v_max = checks.number("v_max", v_max, low=1e-6, high=MAX_SPEED, unit="m/s")
+        horizon = checks.number("horizon", horizon, low=0.0, open_low=True, high=1e5, unit="s")
+        self.most = most = checks.number("most", most, low=0.0, high=1e6, unit="m")
         size = grid.resolution
         self.period = float(moves.lengths.max()) * size / v_max
         self.periods = int(min(horizon / self.period + _SAME, MAX_STATES + 1.0))
         rows, cols = grid.shape
         if rows * cols * max(self.periods, 1) > MAX_STATES:
             raise TooLarge("horizon", horizon, f"at most {MAX_STATES} cells times periods of {self.period:g} s")
-        legal, margin = graph(grid, moves).legal, graph(grid, moves).margin
-        legal = legal.reshape(rows + 2 * margin, -1)[margin : margin + rows, margin : margin + cols].ravel()
+        net = graph(grid, moves)
+        legal = net.inner(net.legal).ravel()
         free = np.flatnonzero(~grid.blocked.ravel())
         offsets = np.vstack((moves.offsets.astype(np.int64), [[0, 0]]))
         lengths = np.append(moves.lengths, 0.0) * size
@@ -233,7 +238,7 @@ def exact_front(
 
     Parameters and errors are those of `timed_front`.
     """
-    net = _graph_of(problem, obstacles, radius, v_max, horizon, most)
+    net = _Graph(problem, obstacles, radius, v_max, horizon, most)
     known, extended = _Known(net), 0
     layer = [0]
     while layer:
@@ -295,7 +300,7 @@ def timed_front(
     >>> timed_front(Problem(grid, (2, 0), (2, 6)), crossing).values[0].round(2).tolist()
     [8.49, 6.83, 0.45]
     """
-    net = _graph_of(problem, obstacles, radius, v_max, horizon, most)
+    net = _Graph(problem, obstacles, radius, v_max, horizon, most)
     checks.integer("budget", budget, low=1, high=100_000_000)
     rng = np.random.default_rng(np.random.SeedSequence(checks.seed(seed)))
     known, extended, ant = _Known(net), 0, 0
@@ -366,19 +371,3 @@ def _deposit(net: _Graph, known: _Known, tau: list[dict[int, float]], number: in
         for one, other in pairwise(path):
             move = next(k for k, there, _ in net.moves[one.cell] if there == other.cell)
             trail[move] = trail.get(move, 1.0) + 1.0 - rank
-
-
-def _graph_of(
-    problem: Problem, obstacles: Trajectories | None, radius: float, v_max: float, horizon: float, most: float
-) -> _Graph:
-    checks.instance("problem", problem, Problem)
-    if len(problem.moves.offsets) > 8:
-        raise BadParameter("problem.moves", problem.moves.value, "to the 4 or 8 neighbours")
-    return _Graph(
-        problem,
-        obstacles,
-        checks.number("radius", radius, low=0.0, unit="m"),
-        checks.number("v_max", v_max, low=1e-6, high=MAX_SPEED, unit="m/s"),
-        checks.number("horizon", horizon, low=0.0, open_low=True, high=1e5, unit="s"),
-        checks.number("most", most, low=0.0, high=1e6, unit="m"),
-    )
