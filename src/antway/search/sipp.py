@@ -345,7 +345,7 @@ def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
     real = np.empty
     states, entries = states + 2 * spans, 4 * states
     return kernels.Workspace(
-        np.zeros(1, np.int64), np.zeros(cells, np.int64), whole(cells), whole(cells),
+        np.zeros(3, np.int64), np.zeros(cells, np.int64), whole(cells), whole(cells),
         whole(states), whole(states), real(states), real(states), real(states), real(states), real(states), real(states),
         real(entries), real(entries), whole(entries), np.empty((spans, 2)),
     )  # fmt: skip

@@ -19,6 +19,7 @@ from antway.kernels.spacetime.prepare import NEVER
 from antway.kernels.spacetime.segments import Segments, earliest_departure, unsafe_stay
 
 FOUND, NO_PATH, BUDGET, FULL = 0, 1, 2, 3
+QUERY, STATES, ENTRIES = range(3)  # indices of `Workspace.counts`: number of the query, and of its states and heap entries
 SLACK = 1e-9  # s; costs closer than this are equal
 
 
@@ -48,7 +49,7 @@ class Workspace(NamedTuple):
     A state is a safe interval of a cell, or the start (state 0, cell -1).
     """
 
-    query: NDArray[np.int64]  # [1] number of the query
+    counts: NDArray[np.int64]  # [3] see QUERY, STATES and ENTRIES
     stamp: NDArray[np.int64]  # [N]
     first: NDArray[np.int32]  # [N] first state of a cell
     size: NDArray[np.int32]  # [N] number of states of a cell
@@ -123,12 +124,12 @@ def sipp(
     predictions = Predictions(segments, 0.0)  # the stopping time is 0, because this robot reaches any speed at once
     if len(ws.cell) <= len(segments) or len(ws.spans) < len(segments):
         return FULL, -1, 0, now
-    ws.query[0] += 1
-    states = _open(-1, start[0], start[1], now, 0, segments, ws)
-    if states == 0 or ws.since[0] > now:
+    ws.counts[QUERY] += 1
+    ws.counts[STATES] = ws.counts[ENTRIES] = 0
+    _open(-1, start[0], start[1], now, segments, ws)
+    if ws.counts[STATES] == 0 or ws.since[0] > now:
         return NO_PATH, -1, 0, np.inf
     ws.arrival[0] = now
-    entries = 0
     # From the start, straight legs lead to the centres around it.
     col_at, row_at = (start[0] - x0) / cell_size, (start[1] - y0) / cell_size
     row, col = round(row_at), round(col_at)
@@ -141,25 +142,23 @@ def sipp(
                 duration = math.hypot(dx, dy) / speed
                 bound = min(bound, now + duration + field[r, c])
                 leg = Move(start[0], start[1], dx, dy, duration, r * cols + c)
-                states, entries = _enter(0, leg, field[r, c], frame, now, predictions, states, entries, ws)
-                if states < 0:
+                if not _enter(0, leg, field[r, c], frame, now, predictions, ws):
                     return FULL, -1, 0, bound
     expanded = 0
-    while entries:
+    while ws.counts[ENTRIES]:
         key, time, i = ws.heap_key[0], ws.heap_time[0], ws.heap_state[0]
-        entries = _pop(entries, ws)
+        _pop(ws)
         if time > ws.arrival[i]:
             continue
         bound = max(bound, key - SLACK)
         row, col = divmod(ws.cell[i], cols)
-        here = field[row, col]
+        here, (x, y) = field[row, col], _centre(frame, ws.cell[i])
         if here == 0.0:
             return FOUND, i, expanded, bound
         if ws.done[i] < 0.0:
             if expanded == max_expanded:
                 return BUDGET, -1, expanded, bound
             expanded += 1
-        at = (x0 + col * cell_size, y0 + row * cell_size)
         limit, rest = 2 * ws.todo[i] + SLACK, np.inf  # doubled, so that all moves are made in few rounds
         for k in range(len(offsets)):
             if mask[row, col] >> np.uint32(k) & np.uint32(1):
@@ -170,44 +169,33 @@ def sipp(
                     rest = min(rest, extra)
                 elif extra > ws.done[i]:
                     dx, dy = offsets[k, 1] * cell_size, offsets[k, 0] * cell_size
-                    move = Move(at[0], at[1], dx, dy, duration, r * cols + c)
-                    states, entries = _enter(i, move, field[r, c], frame, now, predictions, states, entries, ws)
-                    if states < 0:
+                    move = Move(x, y, dx, dy, duration, r * cols + c)
+                    if not _enter(i, move, field[r, c], frame, now, predictions, ws):
                         return FULL, -1, expanded, bound
         ws.done[i], ws.todo[i] = limit, rest
         if rest < np.inf:
-            entries = _push(time + here + rest, time, i, entries, ws)
+            _push(time + here + rest, time, i, ws)
     return NO_PATH, -1, expanded, np.inf
 
 
 @bare_kernel
-def _enter(
-    i: int,
-    move: Move,
-    remaining: float,
-    frame: Frame,
-    now: float,
-    predictions: Predictions,
-    states: int,
-    entries: int,
-    ws: Workspace,
-) -> tuple[int, int]:
-    """Make a move of state i into each safe interval of its target cell whose arrival it improves.
+def _centre(frame: Frame, cell: int) -> tuple[float, float]:
+    """Return the centre (x, y) of a flat cell, m."""
+    return frame.x0 + cell % frame.cols * frame.resolution, frame.y0 + cell // frame.cols * frame.resolution
 
-    Returns the new numbers of states and heap entries; both are -1 if the workspace is full.
-    """
+
+@bare_kernel
+def _enter(i: int, move: Move, remaining: float, frame: Frame, now: float, predictions: Predictions, ws: Workspace) -> bool:
+    """Make a move of state i into each safe interval of its target cell whose arrival it improves; False if `ws` is full."""
     x, y, dx, dy, duration, cell = move
-    if ws.stamp[cell] != ws.query[0]:
-        if states + len(predictions.segments) + 1 > len(ws.cell):
-            return -1, -1
-        row, col = divmod(cell, frame.cols)
-        n = _open(
-            cell, frame.x0 + col * frame.resolution, frame.y0 + row * frame.resolution, now, states, predictions.segments, ws
-        )
-        ws.stamp[cell], ws.first[cell], ws.size[cell] = ws.query[0], states, n
-        states += n
-    if entries + ws.size[cell] + 1 > len(ws.heap_key):
-        return -1, -1
+    if ws.stamp[cell] != ws.counts[QUERY]:
+        first = ws.counts[STATES]
+        if first + len(predictions.segments) + 1 > len(ws.cell):
+            return False
+        _open(cell, *_centre(frame, cell), now, predictions.segments, ws)
+        ws.stamp[cell], ws.first[cell], ws.size[cell] = ws.counts[QUERY], first, ws.counts[STATES] - first
+    if ws.counts[ENTRIES] + ws.size[cell] + 1 > len(ws.heap_key):
+        return False
     vx, vy = (dx / duration, dy / duration) if duration > 0.0 else (0.0, 0.0)
     for j in range(ws.first[cell], ws.first[cell] + ws.size[cell]):
         if max(ws.arrival[i] + duration, ws.since[j]) >= ws.arrival[j]:
@@ -221,13 +209,13 @@ def _enter(
         if arrival < ws.arrival[j]:
             ws.arrival[j], ws.depart[j], ws.parent[j] = arrival, depart, i
             ws.done[j], ws.todo[j] = -1.0, 0.0
-            entries = _push(arrival + remaining, arrival, j, entries, ws)
-    return states, entries
+            _push(arrival + remaining, arrival, j, ws)
+    return True
 
 
 @bare_kernel
-def _open(cell: int, x: float, y: float, now: float, states: int, segments: Segments, ws: Workspace) -> int:
-    """Append the safe intervals from `now` on of a robot standing at (x, y) as states; return how many."""
+def _open(cell: int, x: float, y: float, now: float, segments: Segments, ws: Workspace) -> None:
+    """Append the safe intervals from `now` on of a robot standing at (x, y) as states."""
     spans, n = ws.spans, 0
     for p in range(len(segments)):
         low, high = unsafe_stay(x, y, segments, p)
@@ -238,23 +226,23 @@ def _open(cell: int, x: float, y: float, now: float, states: int, segments: Segm
                 i -= 1
             spans[i, 0], spans[i, 1] = low, high
             n += 1
-    since, found = now, 0
+    since = now
     for i in range(n + 1):
         end = spans[i, 0] if i < n else NEVER
         if end >= since + SLACK:
-            j = states + found
+            j = ws.counts[STATES]
             ws.cell[j], ws.since[j], ws.end[j], ws.arrival[j], ws.parent[j] = cell, since, end, np.inf, -1
-            found += 1
+            ws.counts[STATES] += 1
         if i < n:
             since = max(since, spans[i, 1])
-    return found
 
 
 @bare_kernel
-def _push(key: float, time: float, state: int, entries: int, ws: Workspace) -> int:
-    """Push onto the heap, whose top has the least key and, among equals, the latest time; return the number of entries."""
+def _push(key: float, time: float, state: int, ws: Workspace) -> None:
+    """Push onto the heap, whose top has the least key and, among equals, the latest time."""
     key = np.rint(key / SLACK) * SLACK
-    i = entries
+    i = ws.counts[ENTRIES]
+    ws.counts[ENTRIES] += 1
     while i > 0:
         up = (i - 1) >> 1
         if ws.heap_key[up] < key or (ws.heap_key[up] == key and ws.heap_time[up] >= time):
@@ -262,20 +250,17 @@ def _push(key: float, time: float, state: int, entries: int, ws: Workspace) -> i
         ws.heap_key[i], ws.heap_time[i], ws.heap_state[i] = ws.heap_key[up], ws.heap_time[up], ws.heap_state[up]
         i = up
     ws.heap_key[i], ws.heap_time[i], ws.heap_state[i] = key, time, state
-    return entries + 1
 
 
 @bare_kernel
-def _pop(entries: int, ws: Workspace) -> int:
-    """Remove the top of the heap; return the number of entries left."""
-    entries -= 1
+def _pop(ws: Workspace) -> None:
+    """Remove the top of the heap."""
+    ws.counts[ENTRIES] -= 1
+    entries = ws.counts[ENTRIES]
     key, time, state = ws.heap_key[entries], ws.heap_time[entries], ws.heap_state[entries]
     i = 0
-    while True:
-        down = 2 * i + 1
-        if down >= entries:
-            break
-        right = down + 1
+    while 2 * i + 1 < entries:
+        down, right = 2 * i + 1, 2 * i + 2
         if right < entries and (
             ws.heap_key[right] < ws.heap_key[down]
             or (ws.heap_key[right] == ws.heap_key[down] and ws.heap_time[right] > ws.heap_time[down])
@@ -286,7 +271,6 @@ def _pop(entries: int, ws: Workspace) -> int:
         ws.heap_key[i], ws.heap_time[i], ws.heap_state[i] = ws.heap_key[down], ws.heap_time[down], ws.heap_state[down]
         i = down
     ws.heap_key[i], ws.heap_time[i], ws.heap_state[i] = key, time, state
-    return entries
 
 
 @kernel
@@ -300,8 +284,7 @@ def sipp_path(
     t, xy = np.empty(n), np.empty((n, 2))
     i, k = state, n
     while True:
-        row, col = divmod(ws.cell[i], frame.cols)
-        x, y = (start[0], start[1]) if i == 0 else (frame.x0 + col * frame.resolution, frame.y0 + row * frame.resolution)
+        x, y = start if i == 0 else _centre(frame, ws.cell[i])
         if k == n or t[k] > ws.arrival[i]:
             k -= 1
             t[k], xy[k, 0], xy[k, 1] = ws.arrival[i], x, y
@@ -309,10 +292,7 @@ def sipp_path(
             return t[k:], xy[k:]
         parent = ws.parent[i]
         if ws.depart[i] > ws.arrival[parent]:
-            row, col = divmod(ws.cell[parent], frame.cols)
-            x, y = (
-                (start[0], start[1]) if parent == 0 else (frame.x0 + col * frame.resolution, frame.y0 + row * frame.resolution)
-            )
+            x, y = start if parent == 0 else _centre(frame, ws.cell[parent])
             k -= 1
             t[k], xy[k, 0], xy[k, 1] = ws.depart[i], x, y
         i = parent
