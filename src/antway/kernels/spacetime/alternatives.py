@@ -41,10 +41,8 @@ def passing(
 def free_time(context: PlanningContext, x: float, y: float, leg_cells: int) -> float:
     """Return the time from (x, y) to the goal without moving obstacles, s; the first leg goes up to `leg_cells` cells."""
     rows, cols = context.rows, context.cols
-    col0, row0 = (
-        math.floor((x - context.x0) / context.resolution + 0.5),
-        math.floor((y - context.y0) / context.resolution + 0.5),
-    )
+    col0 = math.floor((x - context.x0) / context.resolution + 0.5)
+    row0 = math.floor((y - context.y0) / context.resolution + 0.5)
     best = math.inf
     for row in range(max(row0 - leg_cells, 0), min(row0 + leg_cells, rows - 1) + 1):
         for col in range(max(col0 - leg_cells, 0), min(col0 + leg_cells, cols - 1) + 1):

@@ -104,7 +104,7 @@ def _expand(
 
     Without a cost of distance the cheaper arrival is the earlier one. Returns the first state that was improved, or -1.
     """
-    soonest = -1
+    improved = -1
     gx, gy = centre(context, cell)
     if memory.stamp[cell] != memory.counter[GENERATION]:
         open_cell(memory, cell, gx, gy, origin.longest_move, origin.t0, origin.horizon, predictions.segments)
@@ -131,11 +131,11 @@ def _expand(
             memory.arrival[c], memory.depart[c], memory.parent[c] = arrival, depart, s
             memory.tried[c], memory.distance_cost[c] = np.uint64(0), distance_cost
             push(memory, arrival + context.field[cell] + (distance_cost + origin.cost_rate * context.field[cell]), c)
-            if soonest < 0:
-                soonest = c
-    if soonest >= 0 and origin.cost_rate == 0.0:  # if distance costs, a later arrival may be cheaper
+            if improved < 0:
+                improved = c
+    if improved >= 0 and origin.cost_rate == 0.0:  # if distance costs, a later arrival may be cheaper
         memory.latest[cell] = memory.arrival[memory.first[cell] : memory.first[cell] + memory.intervals[cell]].max()
-    return soonest
+    return improved
 
 
 @kernel
@@ -316,7 +316,7 @@ def search(
     Eq. (1) with the heuristic exp(-beta * extra), where extra = step + field(next) - field(here) >= 0, and then tests the move.
     The promise of the best open state bounds the cost of all untried paths, which certifies the gap of the best path.
     """
-    # Step 1: empty the memory, write the first moves, and compute the bound without moving obstacles.
+    # Empty the memory, write the first moves, and compute the bound without moving obstacles.
     memory.counter[GENERATION] += 1
     memory.counter[1:] = 0
     legs = _legs(memory, context, x, y, settings.leg_cells)
@@ -327,7 +327,7 @@ def search(
     least = t0 + here + cost_rate * here
     if here == math.inf or least >= limit - settings.minimum_improvement:
         return -1, limit, least
-    # Step 2: find the intervals in which the robot can stand at its place.
+    # Find the intervals in which the robot can stand at its place.
     for p in range(len(predictions.segments)):
         note_box(memory, predictions.segments, p)
     open_cell(memory, -1, x, y, memory.leg_time[:legs].max() * context.speed, t0, horizon, predictions.segments)
@@ -339,7 +339,7 @@ def search(
     memory.counter[STATE_COUNT] = 1  # later intervals of the start cannot be reached by waiting there
     memory.arrival[0], memory.parent[0] = t0, -1
     push(memory, least, 0)
-    # Steps 4 to 7: send ants one by one until no promise is below the cost of the best path or the budget is spent.
+    # Send ants one by one until no promise is below the cost of the best path or the budget is spent.
     best, best_cost, bound = -1, limit, least
     ant = 0
     while memory.counter[EXPANSIONS] < max_expansions and memory.counter[STATE_COUNT] < len(memory.cell) - 64:
@@ -352,6 +352,7 @@ def search(
         most = bound + settings.slack[ant % len(settings.slack)]
         ant += 1
         while memory.counter[EXPANSIONS] < max_expansions:
+            below = best_cost - settings.minimum_improvement
             cell, now = memory.cell[s], memory.arrival[s]
             # A robot that may stand here until the horizon can follow the field from there.
             arrived = cell == context.goal and memory.high[s] >= now + settings.stay
@@ -359,24 +360,13 @@ def search(
             if cell >= 0:
                 done = now if arrived else max(now, horizon) if memory.high[s] >= horizon else math.inf
                 cost = done + context.field[cell] + (memory.distance_cost[s] + cost_rate * context.field[cell])
-            if cost < best_cost - settings.minimum_improvement:
-                best, best_cost = s, cost
+            if cost < below:
+                best, best_cost, below = s, cost, cost - settings.minimum_improvement
                 deposit(memory, trails, context, s, settings.amount / (best_cost - t0))  # Eq. (2)
             if arrived or now >= horizon:
                 memory.key[s] = math.inf
                 break
-            then = _step(
-                memory,
-                trails,
-                context,
-                predictions,
-                origin,
-                choices,
-                s,
-                beta,
-                best_cost - settings.minimum_improvement,
-                state,
-            )
+            then = _step(memory, trails, context, predictions, origin, choices, s, beta, below, state)
             if then < 0 or memory.key[then] > most:
                 break
             s = then

@@ -32,9 +32,9 @@ def move_mask(
     radius : float
         Radius of the disc in cells, >= 0.
     stride : int
-        The nodes are the centres of every cell, 1, or of every stride-th one along rows and columns,
+        The nodes are the centres of every stride-th cell along rows and columns.
     first_row, first_col : int
-        from this cell on, each below `stride`.
+        The first of these cells, each number below `stride`.
 
     Returns
     -------
