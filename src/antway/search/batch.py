@@ -18,9 +18,7 @@ from antway.search.derived import NEIGHBOURS, longer
 from antway.search.distance_field import dijkstra
 from antway.search.jps import jumps_pay
 from antway.search.result import octile_length
-from antway.search.subgoals import hierarchy_of
-
-CHUNK = 256  # queries between two moments at which Python handles signals
+from antway.search.subgoals import CHUNK, hierarchy_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,8 +89,9 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
         raise BadParameter("len(goals)", len(targets), f"that of starts, {len(sources)}")
     ends = np.hstack((sources, targets))
     path_start, diagonals = np.zeros(len(ends) + 1, np.int64), np.zeros(len(ends), np.int64)
-    if moves is Moves.EIGHT and hierarchy_of(grid).ready:
-        cells = hierarchy_of(grid).plan_all(ends, path_start, diagonals, CHUNK)
+    hierarchy = hierarchy_of(grid)
+    if moves is Moves.EIGHT and hierarchy.made and hierarchy.pays:
+        cells = hierarchy.plan_all(ends, path_start, diagonals)
     else:
         cells = _search_all(searcher(grid, moves, moves is Moves.EIGHT and jumps_pay(grid)), ends, path_start, diagonals)
     lengths = np.where(diagonals < 0, np.inf, octile_length(np.diff(path_start) - 1, diagonals, grid))

@@ -12,20 +12,9 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.jit import entry
+from antway.kernels.search import distance_field as kernel
 from antway.kernels.search.canonical import START, Lattice
-from antway.kernels.search.distance_field import (
-    BAND,
-    DONE,
-    EXPANDED,
-    FULL,
-    OPEN,
-    RING,
-    RUNNING,
-    STRAIGHT,
-    Memory,
-    descend,
-    spread,
-)
+from antway.kernels.search.distance_field import RING, STRAIGHT
 from antway.planning import Budget, Clock, Plan, Problem, free_cell, start_clock
 from antway.search import best_first as heap
 from antway.search.costs import checked_costs
@@ -123,7 +112,7 @@ class DijkstraField:
         entries[: len(starts), 0] = starts << 4 | START
         entries[: len(starts), 1] = [*range(1, len(starts)), -1]
         self.state = np.array([0, len(starts), -1, len(starts), 0])
-        self.memory = Memory(self.label, first, entries, self.state)
+        self.memory = kernel.Memory(self.label, first, entries, self.state)
         self.base = self.span = 0  # bands; after a restart the first label, and more than the length of any path
         self.targets = np.array([net.at(cell) for cell in targets], dtype=np.int64)
 
@@ -154,24 +143,24 @@ class DijkstraField:
 
     def run(self, clock: Clock | None) -> bool:
         """Spread until done or until the clock runs out; tell whether it is done."""
-        code = RUNNING
-        while code != DONE and not (clock and clock.spent()):
+        code = kernel.RUNNING
+        while code != kernel.DONE and not (clock and clock.spent()):
             arguments = (self.net, self.targets, self.within * STRAIGHT, self.memory, STEPS)
-            code = entry(spread, *arguments)(*arguments)
-            if code == FULL:
+            code = entry(kernel.spread, *arguments)(*arguments)
+            if code == kernel.FULL:
                 self.memory = self.memory._replace(entries=longer(self.memory.entries))
-        return code == DONE
+        return code == kernel.DONE
 
     def path_from(self, cell: Cell) -> NDArray[np.int32]:
         """Return the cells of a shortest path from a cell with a final distance to the nearest source, int32[N, 2]."""
-        flat = descend(self.net, self.label, self.net.at(cell))
+        flat = kernel.descend(self.net, self.label, self.net.at(cell))
         return np.column_stack(np.divmod(flat, self.net.width)).astype(np.int32)
 
     @property
     def known(self) -> float:
         """All distances up to this are final, in the units of `label`."""
-        stopped = self.targets.size and self.state[OPEN]
-        return min(self.within * STRAIGHT, float(self.state[BAND]) * STRAIGHT - 1 if stopped else math.inf)
+        stopped = self.targets.size and self.state[kernel.OPEN]
+        return min(self.within * STRAIGHT, float(self.state[kernel.BAND]) * STRAIGHT - 1 if stopped else math.inf)
 
 
 def dijkstra(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), costs: ArrayLike | None = None) -> Plan:
@@ -204,7 +193,7 @@ def spread_plan(problem: Problem, clock: Clock) -> Plan:
     net = lattice(problem.grid, problem.moves)
     search = DijkstraField(net, [problem.start], [problem.goal])
     done = search.run(clock)
-    expanded = int(search.state[EXPANDED])
+    expanded = int(search.state[kernel.EXPANDED])
     if not done or search.label[net.at(problem.goal)] == math.inf:
         return not_found(done, expanded, clock)
     return found(problem, np.ascontiguousarray(search.path_from(problem.goal)[::-1]), expanded, clock)

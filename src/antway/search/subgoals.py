@@ -19,6 +19,7 @@ from antway.search.derived import kept, lattice, longer, packed_lines
 from antway.search.jps import jps
 from antway.search.result import found_shortest, not_found
 
+CHUNK = 256  # queries between two moments at which Python handles signals
 STEPS = 1 << 18  # steps of the preparation between two looks at the clock, about 10 ms
 MOST_STEPS = 64, 32, 1 << 25  # limits: steps per cell; steps per corner, and a constant number: seconds on any map
 
@@ -102,11 +103,6 @@ class Hierarchy:
                     raise
         return self.made
 
-    @property
-    def ready(self) -> bool:
-        """Whether it has been made and pays."""
-        return self.made and self.pays
-
     def _chunks(self, grid: Grid) -> Iterator[bool]:
         """Make the hierarchy, and yield False after each part of the work, from where on it no longer needs the grid."""
         net = lattice(grid, Moves.EIGHT)
@@ -152,14 +148,14 @@ class Hierarchy:
         return found_shortest(problem.grid, path, diagonals, int(expanded), clock)
 
     def plan_all(
-        self, ends: NDArray[np.int64], path_start: NDArray[np.int64], diagonals: NDArray[np.int64], chunk: int
+        self, ends: NDArray[np.int64], path_start: NDArray[np.int64], diagonals: NDArray[np.int64]
     ) -> NDArray[np.int32]:
-        """Solve queries, `chunk` at a time so that Python can handle signals in between; see the kernel `route_all`."""
+        """Solve many queries; see the kernel `route_all`."""
         paths, query = np.empty((64 * len(ends) + 1024, 2), np.int32), 0
         work = self.spare.pop() if self.spare else self._workspace()
         try:
             while query < len(ends):
-                last = min(query + chunk, len(ends))
+                last = min(query + CHUNK, len(ends))
                 query = route_all(*self.graphs, work, ends[:last], query, path_start, paths, diagonals)
                 if query < last:
                     paths = longer(paths)

@@ -302,7 +302,7 @@ def solve_all(
             if base < LOWEST:
                 memory.nodes[:, 0] = HIGHEST
                 base = HIGHEST - LIMIT
-            code, path, turns, _ = solve(search_map, memory, base, row, col, goal_row, goal_col, True, 1 << 62)
+            code, path, count, _ = solve(search_map, memory, base, row, col, goal_row, goal_col, True, 1 << 62)
             if code == FULL:
                 return query, base, FULL
             if path.shape[0] > 0:
@@ -310,7 +310,7 @@ def solve_all(
                     return query, base, NO_SPACE
                 path_start[query + 1] += path.shape[0]
                 cells[path_start[query] : path_start[query + 1]] = path
-                diagonals[query] = turns
+                diagonals[query] = count
             elif not memory.queue.state[CUT]:
                 diagonals[query] = -1
         query += 1

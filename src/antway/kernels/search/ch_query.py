@@ -50,8 +50,8 @@ def diagonals(cost: int) -> int:
 @bare_kernel
 def count_moves(cost: int) -> int:
     """Return the number of all moves in a cost."""
-    turns = diagonals(cost)
-    return (cost - turns * FINE_DIAGONAL) // FINE_STRAIGHT + turns
+    diagonal = diagonals(cost)
+    return (cost - diagonal * FINE_DIAGONAL) // FINE_STRAIGHT + diagonal
 
 
 @bare_kernel
@@ -190,20 +190,20 @@ def route(
 @kernel
 def route_all(
     subgoals: SubgoalMap, graph: UpwardGraph, memory: QueryMemory,
-    ends: Longs, query: int, path_start: Longs, paths: Ints, turns: Longs,
+    ends: Longs, query: int, path_start: Longs, paths: Ints, diagonal: Longs,
 ) -> int:  # fmt: skip
     """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next, less than Q if `paths` is too short.
 
-    The path of query i is `paths[path_start[i]:path_start[i + 1]]`, with `turns[i]` diagonal moves, or -1 if there is no path.
+    The path of query i is `paths[path_start[i]:path_start[i + 1]]`, with `diagonal[i]` diagonal moves, -1 without a path.
     The other parameters are those of `route`.
     """
     while query < len(ends):
         row, col, goal_row, goal_col = ends[query, 0], ends[query, 1], ends[query, 2], ends[query, 3]
-        path, diagonal, _ = route(subgoals, graph, memory, row, col, goal_row, goal_col)
+        path, count, _ = route(subgoals, graph, memory, row, col, goal_row, goal_col)
         path_start[query + 1] = path_start[query] + len(path)
         if path_start[query + 1] > len(paths):
             break
         paths[path_start[query] : path_start[query + 1]] = path
-        turns[query] = diagonal if len(path) > 0 else -1
+        diagonal[query] = count if len(path) > 0 else -1
         query += 1
     return query
