@@ -357,10 +357,10 @@ def warmup_command(
     import time
 
     from antway.kernels.base.cache import cache_folder
-    from antway.warmup import KINDS, warm_up
+    from antway.warmup import warm_up
 
     started = time.perf_counter()
-    for what, seconds in warm_up(kinds or KINDS, workers=os.cpu_count() or 1 if workers is None else workers):
+    for what, seconds in warm_up(kinds or WARM, workers=os.cpu_count() or 1 if workers is None else workers):
         say(f"{what}: {seconds:.1f} s")
     print(f"ready after {time.perf_counter() - started:.0f} s; kernels in {cache_folder() or 'the folders __pycache__'}")
     return 0

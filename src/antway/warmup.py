@@ -20,10 +20,8 @@ from antway.tables import NEED_PYRVO, PLANNERS, POLICIES, WARM
 if TYPE_CHECKING:
     from antway.ants.tsp import Tsp
 
-KINDS = WARM
 
-
-def warm_up(kinds: Sequence[str] = KINDS, *, workers: int = 2) -> Iterator[tuple[str, float]]:
+def warm_up(kinds: Sequence[str] = WARM, *, workers: int = 2) -> Iterator[tuple[str, float]]:
     """Compile the kernels for these kinds of task; yield each task and its seconds when it is done.
 
     Parameters
@@ -44,8 +42,8 @@ def warm_up(kinds: Sequence[str] = KINDS, *, workers: int = 2) -> Iterator[tuple
     >>> list(warm_up([]))
     []
     """
-    names = [checks.choice("kind", kind, KINDS) for kind in kinds]
-    tasks = [task for kind in KINDS if kind in names for task in _TASKS[kind]]
+    names = [checks.choice("kind", kind, WARM) for kind in kinds]
+    tasks = [task for kind in WARM if kind in names for task in _TASKS[kind]]
     if not tasks:
         return
     with pool(min(checks.integer("workers", workers, low=1), len(tasks))) as processes:

@@ -15,8 +15,8 @@ from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, crosses
 from antway.kernels.tracking.tubes import first_conflict
 from antway.planning import Problem, TimedPath
 from antway.search.dstarlite import DStarLite as Search
-
-from antway.search.sipp import NO_SEGMENTS, Sipp as SpaceTime  # isort: skip
+from antway.search.sipp import NO_SEGMENTS
+from antway.search.sipp import Sipp as SpaceTime
 from antway.world.line_of_sight import clear, goal_of_cells, nearest_free
 from antway.world.policy import XY, Command, Decision, Observation, Task
 from antway.world.robots import RobotSpec
@@ -194,8 +194,8 @@ class DStarLite(Follow):
         self.repair = None
         if start is not None and goal is not None:
             self.repair = Search(Problem(self.inflated, start, goal, Moves.EIGHT))
-        self.cells = self.inflated.to_xy(np.argwhere(~self.inflated.blocked))
-        self.index = np.argwhere(~self.inflated.blocked)
+        self.cells = np.argwhere(~self.inflated.blocked)
+        self.centres = self.inflated.to_xy(self.cells)
         self.closed = np.zeros(len(self.cells), np.bool_)
 
     def act(self, observation: Observation) -> Command:
@@ -208,12 +208,12 @@ class DStarLite(Follow):
         closed = np.zeros_like(self.closed)
         contact_radius = o.tracks.radius + self.task.robot.radius + self.margin
         for (x, y), r in zip(now(o)[0].tolist(), contact_radius.tolist()):
-            closed |= np.hypot(self.cells[:, 0] - x, self.cells[:, 1] - y) < r
+            closed |= np.hypot(self.centres[:, 0] - x, self.centres[:, 1] - y) < r
         for cell in (here, self.repair.problem.goal):
-            closed[(self.index == cell).all(axis=1)] = False
-        self.repair.change(self.index[self.closed & ~closed], False)
+            closed[(self.cells == cell).all(axis=1)] = False
+        self.repair.change(self.cells[self.closed & ~closed], False)
         self.repair.move(here)
-        self.repair.change(self.index[~self.closed & closed], True)
+        self.repair.change(self.cells[~self.closed & closed], True)
         self.closed = closed
         nodes = self.inflated.to_xy(self.repair.plan().cells)
         if not len(nodes):

@@ -20,17 +20,13 @@ def covering_discs(polygon: ArrayLike, count: int) -> tuple[NDArray[np.float64],
     ------
     BadParameter
     """
-    points, count = _polygon(polygon), checks.integer("count", count, low=1, high=1000)
+    points = checks.array("polygon", polygon, (None, 2))
+    if len(points) < 3:
+        raise BadParameter("polygon", len(points), "at least 3 corners")
+    count = checks.integer("count", count, low=1, high=1000)
     low, high = points.min(axis=0), points.max(axis=0)
     axis = int(np.argmax(high - low))
     step = (high[axis] - low[axis]) / count
     centres = np.tile((low + high) / 2.0, (count, 1))
     centres[:, axis] = low[axis] + step * (np.arange(count) + 0.5)
     return centres, math.hypot(step, float(high[1 - axis] - low[1 - axis])) / 2.0
-
-
-def _polygon(polygon: ArrayLike) -> NDArray[np.float64]:
-    points = checks.array("polygon", polygon, (None, 2))
-    if len(points) < 3:
-        raise BadParameter("polygon", len(points), "at least 3 corners")
-    return points
