@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from antway import Grid, Outcome, RobotSpec, Scenario, World, run
+from antway import Grid, RobotSpec, Scenario, World, run
 from antway.arena import metrics
 from antway.world.motions import Line
 from antway.world.policy import Command, Decision
@@ -61,14 +61,6 @@ def test_side_changes():
     assert metrics.side_changes(trace_of([left] * 10, [disc])) == 0
     assert metrics.side_changes(trace_of([left] * 3 + [right] * 3 + [left] * 3, [disc])) == 2
     assert metrics.side_changes(trace_of([left] * 3 + [right] * 3, [])) == 0
-
-
-def test_outcome_shares():
-    """Shares count each outcome once and sum to 1."""
-    outcomes = ["reached"] * 6 + ["hit-moving"] * 3 + ["timeout"]
-    assert metrics.share(outcomes, Outcome.REACHED) == 0.6
-    assert sum(metrics.share(outcomes, outcome) for outcome in Outcome) == pytest.approx(1.0)
-    assert math.isnan(metrics.share([], Outcome.REACHED))
 
 
 @pytest.mark.parametrize(

@@ -20,13 +20,13 @@ from antway.policies.antway.policy import AntwayPolicy
 from antway.scenes import SCENES
 from antway.tours.windowed import Path, search
 from antway.world.episode import run
-from antway.world.policy import Policy, Task, make_policy
+from antway.world.policy import Policy, Task
 from antway.world.robots import load_robot
 from antway.world.scenario import Scenario, load_scenario
 
 TWINS = ("ants", "no pheromone", "argmin", "exact")
 _TURNS = 3  # limit of episodes of a scene for robots with inertia, which take long
-Maker = Callable[[], Policy]
+Drivers = tuple[str | Policy | None, ...]  # for each of TWINS
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,28 +153,23 @@ def _tsptw(runs: int) -> Iterator[Comparison]:
     yield _row("TSPTW: 80 stops, 10 cycles; argmin: shaking alone", "% over the best of them", table)
 
 
-def _driven(scenario: Scenario, makers: tuple[Maker | None, ...], runs: int, name: str) -> list[list[float]]:
-    """Return the times to the goal, s; infinite if it is not reached."""
+def _driven(method: str, scenario: Scenario, drivers: Drivers, runs: int, name: str) -> Comparison:
+    """Compare the times to the goal, s; infinite if it is not reached."""
     table = []
     for number in range(runs):
         times = []
-        for make in makers:
-            result = None if make is None else run(scenario, make(), seed=seed_of("ants", name, number), record=False)
+        for policy in drivers:
+            result = None if policy is None else run(scenario, policy, seed=seed_of("ants", name, number), record=False)
             times.append(math.nan if result is None else result.time if result.reached else math.inf)
         table.append(times)
-    return table
+    return _row(method, "s to the goal", table)
 
 
 def _paper(runs: int) -> Iterator[Comparison]:
     """Compare policy `paper`; exact: ants that know the exact field and so take the shortest path in their first cycle."""
-    makers: tuple[Maker, ...] = (
-        lambda: make_policy("paper"),
-        lambda: make_policy("paper", alpha=0.0),
-        lambda: make_policy("paper", alpha=0.0, beta=100.0),
-        lambda: make_policy("paper", heuristic="field"),
-    )
+    drivers = "paper", "paper/alpha=0.0", "paper/alpha=0.0/beta=100.0", "paper/heuristic=field"
     for name in SCENES:
-        yield _row(f"policy paper, scene {name}", "s to the goal", _driven(load_scenario(name), makers, runs, name))
+        yield _driven(f"policy paper, scene {name}", load_scenario(name), drivers, runs, name)
 
 
 class _Argmin(AntwayPolicy):
@@ -191,26 +186,17 @@ class _Argmin(AntwayPolicy):
 
 def _antway(runs: int) -> Iterator[Comparison]:
     """Compare policy `antway`; exact: policy `sipp`, which replans in each cycle and has no guard."""
-    makers: tuple[Maker, ...] = (
-        lambda: make_policy("antway"),
-        lambda: make_policy("antway", deposit=0.0),
-        _Argmin,
-        lambda: make_policy("sipp"),
-    )
+    drivers: Drivers = "antway", "antway/deposit=0.0", _Argmin(), "sipp"
     for name in SCENES:
-        yield _row(f"policy antway, scene {name}", "s to the goal", _driven(load_scenario(name), makers, runs, name))
+        yield _driven(f"policy antway, scene {name}", load_scenario(name), drivers, runs, name)
 
 
 def _controls(runs: int) -> Iterator[Comparison]:
     """Compare the colony in the space of controls, which drives wheels; argmin: the best of its seeds, without ants."""
-    makers: tuple[Maker | None, ...] = (
-        lambda: make_policy("antway"),
-        lambda: make_policy("antway", controls=ControlOptions(search="random")),
-        lambda: make_policy("antway", controls=ControlOptions(rounds=0)),
-        None,
-    )
+    searches = ControlOptions(search="random"), ControlOptions(rounds=0)
+    drivers: Drivers = "antway", *(AntwayPolicy(controls=options) for options in searches), None
     scenario = load_scenario("warehouse").driven_by(load_robot("diff"))
-    yield _row("controls of robot diff, scene warehouse", "s to the goal", _driven(scenario, makers, min(runs, _TURNS), "diff"))
+    yield _driven("controls of robot diff, scene warehouse", scenario, drivers, min(runs, _TURNS), "diff")
 
 
 PARTS: dict[str, Callable[[int], Iterator[Comparison]]] = {

@@ -19,7 +19,7 @@ from numba.core import event
 from antway import checks
 from antway.arena import metrics
 from antway.arena.causes import with_cause
-from antway.arena.store import Results, Row
+from antway.arena.store import Key, Results, Row
 from antway.arena.suites import Episode, stage
 from antway.errors import BadParameter
 from antway.processes import uninterrupted
@@ -27,6 +27,7 @@ from antway.version import __version__
 from antway.world.episode import run
 from antway.world.policy import make_policy
 from antway.world.trace import Outcome
+from antway.world.tracefile import to_json
 
 TIMEOUT = 120.0  # s; wall time after which an episode is abandoned
 ENGINES = ("local", "ray")
@@ -41,7 +42,7 @@ class Job:
     policy: str
 
     @property
-    def key(self) -> tuple[str, str, str, int, str]:
+    def key(self) -> Key:
         """The key of its row."""
         return self.episode.suite, self.episode.name, self.policy, self.episode.seed, __version__
 
@@ -81,11 +82,7 @@ def play(job: Job) -> Answer:
         cycle_p99=result.cycle(99),
         cycle_max=result.cycle(100),
     )
-    if result.reached:
-        return row, ""
-    from antway.world.tracefile import to_json
-
-    return row, to_json(trace)
+    return row, "" if result.reached else to_json(trace)
 
 
 def bench(

@@ -6,7 +6,6 @@ Outcome, time, length, smallest clearance and cycle times of an episode are in i
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.world.robots import body_gap
-from antway.world.trace import Outcome, Trace
+from antway.world.trace import Trace
 
 DISCOMFORT = 0.2  # m; a smaller gap between robot and obstacle counts as discomfort
 RESAMPLES = 2000  # number of resamples of the bootstrap
@@ -69,11 +68,6 @@ def side_changes(trace: Trace) -> int:
 
 
 # Measures of a policy, over rows of the results (antway.arena.store.Row) or anything with the same fields
-
-
-def share(outcomes: Sequence[str], outcome: Outcome) -> float:
-    """Return the share of episodes that ended with `outcome`."""
-    return sum(one == outcome.value for one in outcomes) / len(outcomes) if outcomes else math.nan
 
 
 def wilson(count: int, total: int) -> Interval:

@@ -86,7 +86,7 @@ def _summary(level: str, policy: str, rows: Sequence[Row]) -> Summary:
         policy=policy,
         episodes=len(rows),
         outcomes={outcome.value: outcomes.count(outcome.value) for outcome in Outcome},
-        success=metrics.share(outcomes, Outcome.REACHED),
+        success=len(reached) / len(rows),
         success_interval=metrics.wilson(len(reached), len(rows)),
         time_ratio=_mean(ratios),
         time_ratio_interval=metrics.bootstrap(ratios),
