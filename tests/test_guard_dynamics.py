@@ -166,7 +166,7 @@ def episode(
         for _ in range(50):
             knots = np.concatenate([(discs.xy[k], discs.xy[k] + discs.velocity[k] * DT) for k in range(COUNT)])
             line = Trajectories(np.tile((t, t + DT), COUNT), knots, np.arange(0, 2 * COUNT + 1, 2), discs.radius)
-            what, obstacle, _ = play(i, DT, spec.limits, body, not polygon, record, aim, walls, line, math.inf)
+            what, obstacle, _ = play(i, DT, spec.limits, body, record, aim, walls, line, math.inf)
             if what != HIT_STANDING:
                 break
             # It does not drive into a robot that stands: it stops short of it, from the begin of the cycle on.

@@ -169,9 +169,7 @@ def test_contact_is_where_samples_find_it(drive: int, shape: str) -> None:
             rng, drive, shape, float(rng.choice([0.0, 0.06, 0.1]))
         )
         body = Body(corners, rounding, radius, np.zeros((1, 2)))
-        what, obstacle, clearance = play(
-            count, 0.1, limits, body, shape == "disc", record, aim, walls_of(grid), discs, math.inf
-        )
+        what, obstacle, clearance = play(count, 0.1, limits, body, record, aim, walls_of(grid), discs, math.inf)
         told[what] += 1
         end = record.t[count + 1] - 0.1 * count
         rows = sampled(limits, state, record, count)

@@ -71,8 +71,8 @@ def test_no_step_tunnels() -> None:
     line = world.timeline(0, 10.0)
     t, xy, velocity, heading = np.zeros(2), np.array([[100.5, 20.0], [0, 0]]), np.zeros((2, 2)), np.zeros(2)
     limits, aim = RobotSpec(v_max=100.0).limits, np.array([390.0, 20.0, 0.1])
-    record = Record(t, xy, velocity, heading, np.zeros(2), np.zeros((1, 2)))
-    what, obstacle, clearance = advance(0, 100.0, 0.0, 1.5, limits, aim, record, terrain_of(world.grid), line.trajectories)
+    record = Record(t, xy, velocity, heading, np.zeros(2), np.array([[100.0, 0.0]]))
+    what, obstacle, clearance = advance(0, 1.5, limits, aim, record, terrain_of(world.grid), line.trajectories)
     assert (what, obstacle) == (1, 0) and t[1] == pytest.approx((200.0 - 0.5) / 200.0, abs=1e-12)
     assert clearance == pytest.approx(0.0, abs=1e-9) and xy[1, 0] == pytest.approx(100.5 + 100 * t[1])
 

@@ -114,7 +114,7 @@ class Stage:
         Return the outcome, or None if the episode continues, and the reason.
         """
         self.command[self.n] = one, two
-        event, obstacle, clearance = self._drive_straight(one, two) if self.stepwise else self._drive_ramps()
+        event, obstacle, clearance = self._drive()
         self.n, self.clearance = self.n + 1, min(self.clearance, clearance)
         if event == GOES_ON:
             self._extend_timeline()
@@ -128,17 +128,12 @@ class Stage:
         moving = event == HIT_MOVING
         return (Outcome.HIT_MOVING, f"{met} was moving") if moving else (Outcome.HIT_STANDING, f"{met} was at rest")
 
-    def _drive_ramps(self) -> tuple[int, int, float]:
-        """Drive with ramps, arcs and latency; return the event, the obstacle in contact, and the smallest distance, m."""
-        spec = self.task.robot
-        turns = spec.footprint is None
-        obstacles = self.timeline.trajectories
-        return play(self.n, spec.dt, self.limits, self.body, turns, self.log, self.aim, self.walls, obstacles, self.clearance)
-
-    def _drive_straight(self, one: float, two: float) -> tuple[int, int, float]:
-        """Drive straight at constant speed; return the same as `_drive_ramps`."""
+    def _drive(self) -> tuple[int, int, float]:
+        """Drive one control cycle; return the event, the obstacle in contact, and the smallest distance, m."""
         dt, obstacles = self.task.robot.dt, self.timeline.trajectories
-        arguments = self.n, one, two, dt, self.limits, self.aim, self.log, self.terrain, obstacles
+        if not self.stepwise:
+            return play(self.n, dt, self.limits, self.body, self.log, self.aim, self.walls, obstacles, self.clearance)
+        arguments = self.n, dt, self.limits, self.aim, self.log, self.terrain, obstacles
         return entry(advance, *arguments)(*arguments)
 
     def _extend_timeline(self) -> None:

@@ -32,8 +32,6 @@ class Record(NamedTuple):
 @bare_kernel
 def advance(
     i: int,
-    cx: float,
-    cy: float,
     dt: float,
     limits: RobotLimits,
     aim: NDArray[np.float64],
@@ -41,7 +39,7 @@ def advance(
     terrain: Terrain,
     trajectories: Trajectories,
 ) -> tuple[int, int, float]:
-    """Drive control step i under the command (cx, cy) and write row i + 1 of the robot's record.
+    """Drive control step i and write row i + 1 of the robot's record.
 
     The robot moves straight at constant speed from `record.t[i]` to (i + 1) dt, or until it meets an obstacle, a wall or the
     goal. Row i + 1 holds the state at that time.
@@ -51,7 +49,7 @@ def advance(
     aim : float64[3]
         Goal x, y and tolerance, m.
     record : Record
-        Rows up to i are given.
+        Rows and commands up to i are given.
     terrain, trajectories
         The map and the obstacles.
 
@@ -64,9 +62,9 @@ def advance(
     clearance : float
         Smallest distance between the edges of robot and obstacles in this step, m; infinite without obstacles.
     """
-    t, xy, velocity, heading, _, _ = record
+    t, xy, velocity, heading, _, command = record
     radius = trajectories.radius
-    vx, vy, new_heading = drive(velocity[i, 0], velocity[i, 1], heading[i], cx, cy, limits, dt)
+    vx, vy, new_heading = drive(velocity[i, 0], velocity[i, 1], heading[i], command[i, 0], command[i, 1], limits, dt)
     t0, t1 = t[i], (i + 1) * dt
     h = t1 - t0
     ax, ay = xy[i, 0], xy[i, 1]

@@ -121,7 +121,6 @@ def play(
     dt: float,
     limits: RobotLimits,
     body: Body,
-    turns: bool,
     record: Record,
     aim: NDArray[np.float64],
     walls: Walls,
@@ -130,10 +129,10 @@ def play(
 ) -> tuple[int, int, float]:
     """Drive control cycle i of `dt` s, or until the first contact, and write row i + 1 of the record.
 
+    A holonomic disc points in its direction of motion; a holonomic robot with a footprint keeps its heading.
+
     Parameters
     ----------
-    turns : bool
-        Whether a holonomic robot points in its direction of motion; with a footprint it keeps its heading.
     record : Record
         Rows and commands up to i are given. A command acts `limits.latency` s after the start of its cycle; before the first
         command acts, the robot is commanded to stand.
@@ -149,7 +148,7 @@ def play(
     clearance : float
         Smallest distance between the edges of robot and obstacles in this cycle, or `least` if that is smaller.
     """
-    wheels = limits.drive != HOLONOMIC
+    wheels, disc = limits.drive != HOLONOMIC, len(body.corners) == 1
     t, (x, y), (vx, vy), theta = record.t[i], record.xy[i], record.velocity[i], record.heading[i]
     a, b = (vx * math.cos(theta) + vy * math.sin(theta), record.turn_rate[i]) if wheels else (vx, vy)
     whole = math.floor(limits.latency / dt + 1e-9)
@@ -178,9 +177,9 @@ def play(
             left -= h
     if not wheels:
         w = 0.0
-        if turns and math.hypot(vx, vy) > REST:
+        if disc and math.hypot(vx, vy) > REST:
             theta = math.atan2(vy, vx)
-    if what == HIT_MOVING and math.hypot(vx, vy) <= REST and (len(body.corners) == 1 or abs(w) <= REST):
+    if what == HIT_MOVING and math.hypot(vx, vy) <= REST and (disc or abs(w) <= REST):
         what = HIT_STANDING
     record.t[i + 1] = (i + 1) * dt if what == GOES_ON else max(t, np.nextafter(started, math.inf))
     record.xy[i + 1, 0], record.xy[i + 1, 1] = x, y
