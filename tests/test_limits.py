@@ -166,6 +166,13 @@ def test_absurd_observations_are_refused(policy, wrong):
         policy.act(observation)
 
 
+@pytest.mark.parametrize("wrong", [5, "ab", np.array(1.0), (1.0,), {1: 2, 3: 4}])
+def test_a_place_that_is_no_pair_is_refused(wrong):
+    """Nor is an array without dimensions one; iterating over it was a TypeError."""
+    with pytest.raises(BadInput, match=r"observation\.xy"):
+        seen([1], [(7.0, 5.0)], xy=wrong)
+
+
 def test_absurd_arrows_and_places_are_refused_in_messages():
     """D1: a marker's arrow of 1e300 m is no velocity."""
     tracks = Tracks([3], [(1.0, 2.0)], [(0.5, 0.0)], [0.3])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from antway import Grid, Outcome, RobotSpec, Scenario, World, check_episode, run
+from antway import Grid, Outcome, RobotSpec, Scenario, Task, World, check_episode, run
 from antway.kernels.controls.fields import turning_times
 from antway.world.rollouts import static_field, static_time
 from common import cases
@@ -72,10 +72,10 @@ def test_a_car_drives_out_of_an_aisle_in_which_it_cannot_turn(v_reverse: float) 
 def test_who_turns_at_once_needs_no_times_by_heading() -> None:
     grid = Grid(np.zeros((20, 20), dtype=bool), 0.2)
     times = np.hypot(*np.indices((20, 20)) - 10.0) * 0.2
-    field = static_field(grid, RobotSpec(drive="differential", a_max=1.0), times, (2.1, 2.1), 0.2)
+    field = static_field(Task(grid, RobotSpec(drive="differential", a_max=1.0), (2.1, 2.1), (2.1, 2.1)), times)
     assert field.turning.size == 0
     assert static_time(field, (2.1, 0.1, 0.0, 0.0, 0.0)) == pytest.approx(1.8, abs=0.1)
-    field = static_field(grid, CAR, times / 0.8, (2.1, 2.1), 0.2)
+    field = static_field(Task(grid, CAR, (2.1, 2.1), (2.1, 2.1)), times / 0.8)
     ahead, behind = (static_time(field, (2.1, 0.3, heading, 0.0, 0.0)) for heading in (0.5 * math.pi, -0.5 * math.pi))
     assert ahead == pytest.approx(2.25, abs=0.2)
     assert behind > ahead + 3.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,12 @@ from antway.baselines.look_ahead import look_ahead
 from antway.baselines.replan import STOP, Follow, contact_radii, now
 from antway.kernels.base.records import RobotState
 from antway.kernels.baselines.dwa import Obstacles, roll_out, roll_out_twists
-from antway.world.policy import XY, Command, Observation, Task
-from antway.world.rollouts import acting, commanded
+from antway.world.policy import XY, Command, Observation, Task, commanded
+from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class Dwa(Follow):
     """Choose, from the velocities that can be reached within a control period, the best one that is safe.
 
@@ -52,30 +54,25 @@ class Dwa(Follow):
     command. There obstacles stand still, and the weights are 2, 0.2 and 0.2, with which this robot stops before corners.
     """
 
-    def __init__(
-        self,
-        *,
-        heading: float = 1.0,
-        dist: float = 2.0,
-        vel: float = 1.1,
-        horizon: float = 3.0,
-        look_ahead: float = 2.0,
-        directions: int = 36,
-        speeds: int = 4,
-        margin: float = 0.2,
-        turns: int = 11,
-        aim: float = 1.0,
-    ) -> None:
-        self.heading = checks.number("heading", heading, low=0.0)
-        self.dist = checks.number("dist", dist, low=0.0)
-        self.vel = checks.number("vel", vel, low=0.0)
-        self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
-        self.look_ahead = checks.number("look_ahead", look_ahead, low=0.0, open_low=True, unit="m")
-        self.directions = checks.integer("directions", directions, low=3, high=3600)
-        self.speeds = checks.integer("speeds", speeds, low=1, high=100)
-        self.margin = checks.number("margin", margin, low=0.0, unit="m")
-        self.turns = checks.integer("turns", turns, low=2, high=1000)
-        self.aim = checks.number("aim", aim, low=0.0, open_low=True, unit="s")
+    heading: float = 1.0
+    dist: float = 2.0
+    vel: float = 1.1
+    horizon: float = 3.0
+    look_ahead: float = 2.0
+    directions: int = 36
+    speeds: int = 4
+    margin: float = 0.2
+    turns: int = 11
+    aim: float = 1.0
+
+    def __post_init__(self) -> None:
+        checks.fields(self, "heading", "dist", "vel", low=0.0)
+        checks.fields(self, "horizon", "aim", low=0.0, open_low=True, unit="s")
+        checks.fields(self, "look_ahead", low=0.0, open_low=True, unit="m")
+        checks.fields(self, "margin", low=0.0, unit="m")
+        self.directions = checks.integer("directions", self.directions, low=3, high=3600)
+        self.speeds = checks.integer("speeds", self.speeds, low=1, high=100)
+        self.turns = checks.integer("turns", self.turns, low=2, high=1000)
 
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the candidates."""

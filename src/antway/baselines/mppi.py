@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,10 +15,11 @@ from antway.kernels.base.rng import stream
 from antway.kernels.baselines.mppi import Sampling, path_integral
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import ControlProblem, CostWeights
-from antway.world.policy import Command, Observation, Task
-from antway.world.rollouts import acting, commanded, empty_outlook, finite_limits, static_field
+from antway.world.policy import Command, Observation, Task, commanded
+from antway.world.rollouts import acting, empty_outlook, finite_limits, static_field
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class Mppi(Follow):
     """Drive the mean of many noisy sequences of controls, weighted by their costs.
 
@@ -44,28 +46,21 @@ class Mppi(Follow):
     Williams, Drews, Goldfain, Rehg, Theodorou: Information-theoretic model predictive control, IEEE T-RO 34(6), 2018.
     """
 
-    def __init__(
-        self,
-        *,
-        samples: int = 1000,
-        horizon: float = 3.0,
-        block: float = 0.5,
-        temperature: float = 0.1,
-        speed_noise: float = 0.35,
-        turn_noise: float = 0.4,
-        margin: float = 0.12,
-        wished: float = 0.2,
-        wall_margin: float = 0.05,
-    ) -> None:
-        self.samples = checks.integer("samples", samples, low=3, high=100_000)
-        self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
-        self.block = checks.number("block", block, low=0.0, open_low=True, unit="s")
-        self.temperature = checks.number("temperature", temperature, low=0.0, open_low=True, unit="s")
-        self.speed_noise = checks.number("speed_noise", speed_noise, low=0.0, open_low=True)
-        self.turn_noise = checks.number("turn_noise", turn_noise, low=0.0, open_low=True)
-        self.margin = checks.number("margin", margin, low=0.0, unit="m")
-        self.wished = checks.number("wished", wished, low=0.0, unit="m")
-        self.wall_margin = checks.number("wall_margin", wall_margin, low=0.0, unit="m")
+    samples: int = 1000
+    horizon: float = 3.0
+    block: float = 0.5
+    temperature: float = 0.1
+    speed_noise: float = 0.35
+    turn_noise: float = 0.4
+    margin: float = 0.12
+    wished: float = 0.2
+    wall_margin: float = 0.05
+
+    def __post_init__(self) -> None:
+        self.samples = checks.integer("samples", self.samples, low=3, high=100_000)
+        checks.fields(self, "horizon", "block", "temperature", low=0.0, open_low=True, unit="s")
+        checks.fields(self, "speed_noise", "turn_noise", low=0.0, open_low=True)
+        checks.fields(self, "margin", "wished", "wall_margin", low=0.0, unit="m")
 
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the fields of the map and the arrays of samples."""
@@ -101,7 +96,7 @@ class Mppi(Follow):
             RobotState(0.0, 0.0, 0.0, 0.0, 0.0),
             finite_limits(robot),
             robot.dt,
-            static_field(task.grid, robot, self.search.field, task.goal, task.goal_tolerance),
+            static_field(task, self.search.field),
             empty_outlook(steps, summed=True),
             weights,
         )

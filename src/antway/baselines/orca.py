@@ -12,8 +12,7 @@ from antway.baselines.look_ahead import look_ahead
 from antway.baselines.replan import STOP, Follow, now
 from antway.errors import BadParameter
 from antway.grid import Grid
-from antway.world.policy import XY, Command, Observation, Task
-from antway.world.rollouts import commanded
+from antway.world.policy import XY, Command, Observation, Task, commanded
 
 AWAY = 1e6  # m; place of unused agents
 

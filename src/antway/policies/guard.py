@@ -31,7 +31,7 @@ from antway.kernels.robot.passing import fallback, first_certified, passed_comma
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
 from antway.kernels.robot.sweep import Body, Walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
-from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks, as_policy
+from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks, as_policy, commanded
 from antway.world.terrain import terrain_of, walls_of
 
 _EARLY = 1e-6  # s; a stamp that is ahead by less is now
@@ -226,10 +226,7 @@ class Guard:
         if most > len(self.table):
             self.table = np.resize(self.table, (2 * most, TABLE_COLUMNS))
             self.tracks, self.spread = np.empty((2 * most, COLUMNS)), np.zeros(2 * most)
-        if t.covariance is not None:
-            self.spread[: len(t)] = 2.0 * np.sqrt(t.covariance[:, 0, 0])
-        else:
-            self.spread[: len(t)] = 0.0
+        self.spread[: len(t)] = 0.0 if t.covariance is None else 2.0 * np.sqrt(t.covariance[:, 0, 0])
         self.bounds[STOPPING_TIME], scan = stopping, (t.id, t.xy, t.velocity, t.radius)
         n = self.count = within_reach(
             self.table, self.count, o.t, stamp, self.hold, *scan, self.spread, self.bounds, self.tracks
@@ -314,9 +311,7 @@ class _Dynamic:
     def _command(self, o: Observation, one: float, two: float) -> Command:
         if self.late:
             self.sent = np.vstack((self.sent[1:], [(one, two)]))
-        if not self.robot.wheels:
-            return Command((one, two))
-        return Command((one * math.cos(o.heading), one * math.sin(o.heading)), (one, two))
+        return commanded(one, two, o.heading, self.robot)
 
 
 @runtime_checkable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, cast, runtime_checkable
 
@@ -247,11 +247,8 @@ def _real(field: str, value: object) -> float:
 
 
 def _pair(field: str, value: object) -> XY:
-    listed = isinstance(value, (Iterable, np.ndarray)) and not isinstance(value, (str, bytes, dict))
-    parts = list(cast(Iterable[object], value)) if listed else []
-    if len(parts) != 2:
-        raise BadParameter(field, value, "two numbers")
-    return _real(field, parts[0]), _real(field, parts[1])
+    one, two = checks.sequence(field, value, "two numbers", size=2)
+    return _real(field, one), _real(field, two)
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,6 +284,14 @@ class Command:
         if self.twist is not None:
             return self.twist
         return towards(self.velocity, observation.state_at_action(robot).theta, robot)
+
+
+def commanded(one: float, two: float, heading: float, robot: RobotSpec) -> Command:
+    """Return the command (vx, vy), or for wheels with that heading in rad the twist (v, omega)."""
+    if not robot.wheels:
+        return Command((one, two))
+    turned = heading + two * robot.dt if robot.stepwise else heading
+    return Command((one * math.cos(turned), one * math.sin(turned)), (one, two))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,7 @@ from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits, RobotState
 from antway.kernels.controls.fields import beyond_walls, turning_times, wall_distance
 from antway.kernels.controls.problem import COLUMNS, Outlook, StaticField
-from antway.world.policy import XY, Command, Observation
+from antway.world.policy import XY, Observation, Task
 from antway.world.robots import RobotSpec
 
 _NODE = 0.025  # m; largest distance of nodes at which distances to walls are exact
@@ -39,14 +39,6 @@ def finite_limits(robot: RobotSpec) -> RobotLimits:
     )
 
 
-def commanded(one: float, two: float, heading: float, robot: RobotSpec) -> Command:
-    """Return the command (vx, vy), or for wheels with that heading in rad the twist (v, omega)."""
-    if not robot.wheels:
-        return Command((one, two))
-    turned = heading + two * robot.dt if robot.stepwise else heading
-    return Command((one * math.cos(turned), one * math.sin(turned)), (one, two))
-
-
 def acting(o: Observation, robot: RobotSpec) -> tuple[float, Observation, RobotState]:
     """Return the time in s until a command given now acts, and what is observed then, with the scan of now, and the state."""
     state = o.state_at_action(robot)
@@ -61,29 +53,29 @@ def acting(o: Observation, robot: RobotSpec) -> tuple[float, Observation, RobotS
     return robot.latency, then, state
 
 
-def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64], goal: XY, tolerance: float) -> StaticField:
-    """Return the map as fields for the centre of a robot.
+def static_field(task: Task, time_to_goal: NDArray[np.float64]) -> StaticField:
+    """Return the map of a task as fields for the centre of its robot.
 
     Parameters
     ----------
     time_to_goal : float64[H, W]
         Time to the goal at full speed, s; infinite where the robot cannot be.
     """
-    size, (x, y, _), cells = grid.resolution, grid.origin, grid.blocked.size
-    factor = max(min(math.ceil(size / _NODE - 1e-9), math.isqrt(_NODES // cells)), 1)
-    wall = wall_distance(grid.blocked, size, factor) - np.float32(robot.radius)
+    grid, size, (x, y, _) = task.grid, task.grid.resolution, task.grid.origin
+    factor = max(min(math.ceil(size / _NODE - 1e-9), math.isqrt(_NODES // grid.blocked.size)), 1)
+    wall = wall_distance(grid.blocked, size, factor) - np.float32(task.robot.radius)
     frame, empty = np.array([x, y, factor / size]), np.empty((0, 0), np.float32)
-    end, (box, discs) = np.array([*goal, tolerance]), _body(robot)
+    end, (box, discs) = np.array([*task.goal, task.goal_tolerance]), _body(task.robot)
     field = StaticField(wall, frame, empty, np.zeros(3), end, box, discs, empty[None], np.zeros(3))
-    return with_times(field, grid, robot, time_to_goal)
+    return with_times(field, task, time_to_goal)
 
 
-def with_times(field: StaticField, grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64]) -> StaticField:
-    """Return the field with other times to the goal; see `static_field`."""
-    size, (x, y, _), (goal_x, goal_y, tolerance) = grid.resolution, grid.origin, field.goal.tolist()
-    near = _to_the_goal_itself(time_to_goal, grid, robot.v_max, (goal_x, goal_y))
-    time = beyond_walls(near - tolerance / robot.v_max, 2.0 * size / robot.v_max, _LAYERS)
-    frame, (turning, turning_frame) = np.array([x + size / 2, y + size / 2, 1.0 / size]), _by_heading(near, grid, robot)
+def with_times(field: StaticField, task: Task, time_to_goal: NDArray[np.float64]) -> StaticField:
+    """Return the field of a task with other times to the goal; see `static_field`."""
+    grid, v_max, size, (x, y, _) = task.grid, task.robot.v_max, task.grid.resolution, task.grid.origin
+    near = _to_the_goal_itself(time_to_goal, grid, v_max, task.goal)
+    time = beyond_walls(near - task.goal_tolerance / v_max, 2.0 * size / v_max, _LAYERS)
+    frame, (turning, turning_frame) = np.array([x + size / 2, y + size / 2, 1.0 / size]), _by_heading(near, grid, task.robot)
     return field._replace(time=time, time_frame=frame, turning=turning, turning_frame=turning_frame)
 
 

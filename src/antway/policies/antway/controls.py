@@ -21,9 +21,9 @@ from antway.kernels.controls.rollout import judge
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.policies.guard import relative_swerve
-from antway.world.policy import Command, Observation, Task
+from antway.world.policy import Command, Observation, Task, commanded
 from antway.world.robots import RobotSpec
-from antway.world.rollouts import commanded, empty_outlook, finite_limits, static_field, static_time, with_times
+from antway.world.rollouts import empty_outlook, finite_limits, static_field, static_time, with_times
 
 _AGILE = 0.8  # m/s; the numbers of `ControlOptions` are for robots with this top speed or more
 _SLOWEST = 4.0  # 1; robots slower than `_AGILE` by more than this drive as if it were this, or they flee from all that moves
@@ -178,17 +178,16 @@ class ControlColony:
         self, options: ControlOptions, task: Task, time_to_goal: NDArray[np.float64], seed: int, swerve: float | None
     ) -> None:
         robot, o = task.robot, options
-        self.options, self.robot, self.grid = o, robot, task.grid
+        self.options, self.robot, self.task, self.swerve = o, robot, task, swerve
         horizon = max(o.horizon, min(_LEAST_PATH / robot.v_max, 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
         self.slowness = min(max(_AGILE / robot.v_max, 1.0), _SLOWEST)
-        self.task, self.swerve = task, swerve
         self.problem = ControlProblem(
             RobotState(0.0, 0.0, 0.0, 0.0, 0.0),
             finite_limits(robot),
             robot.dt,
-            static_field(task.grid, robot, time_to_goal.reshape(task.grid.shape), task.goal, task.goal_tolerance),
+            static_field(task, time_to_goal.reshape(task.grid.shape)),
             empty_outlook(steps),
             _weights(o, robot, self.slowness, swerve),
         )
@@ -242,7 +241,7 @@ class ControlColony:
     def set_times(self, time_to_goal: NDArray[np.float64]) -> None:
         """Drive from now on by other times to the goal, float64[H * W], s."""
         before, last = self.problem.field, self.problem.start
-        field = with_times(before, self.grid, self.robot, time_to_goal.reshape(self.grid.shape))
+        field = with_times(before, self.task, time_to_goal.reshape(self.task.grid.shape))
         self.problem = self.problem._replace(field=field)
         self.nearest += static_time(field, last) - static_time(before, last)
 
