@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import TOUCH, first_wall, hits_walls, swept_discs, wrap
+from antway.kernels.base.geometry import TOUCH, hits_walls, swept_discs, wall_ahead, wrap
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import DIFFERENTIAL, RobotLimits, RobotState, Terrain
 from antway.kernels.base.rows import copy_row
@@ -230,14 +230,12 @@ def _aside(
 
     The robot drives at full speed for `rules.lookahead` s, or up to a wall, and then stands. Its braking path must be free.
     """
-    (x, y, heading, vx, vy), v_max, radius, size = state, limits.v_max, limits.radius, terrain.resolution
+    (x, y, heading, vx, vy), v_max, radius, ahead = state, limits.v_max, limits.radius, rules.lookahead
     best, ax, ay = standing, 0.0, 0.0
-    row, col, ahead = (y - terrain.y0) / size - 0.5, (x - terrain.x0) / size - 0.5, rules.lookahead / size
     for k in range(_SIDES):
         tx, ty = v_max * math.cos(2 * math.pi * k / _SIDES), v_max * math.sin(2 * math.pi * k / _SIDES)
-        wall, _, _ = first_wall(terrain.blocked, row, col, ty * ahead, tx * ahead, radius / size)
-        until = min(wall, 1.0) * rules.lookahead
-        contact = _time_to_contact_after(x, y, tx, ty, until, 2 * rules.lookahead, tracks, radius)
+        wall, _, _ = wall_ahead(terrain, x, y, tx * ahead, ty * ahead, radius)
+        contact = _time_to_contact_after(x, y, tx, ty, min(wall, 1.0) * ahead, 2 * ahead, tracks, radius)
         wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, rules.dt)
         if contact > best + TOUCH and brakes_free(x, y, wx, wy, tracks, limits, rules.dt, terrain):
             best, ax, ay = contact, tx, ty

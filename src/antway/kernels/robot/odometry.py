@@ -43,9 +43,10 @@ def compare_speeds(
     memory: float,
     odometry: NDArray[np.float64],
 ) -> None:
-    """Add how far the velocity between two places is from the speeds measured there, and from two that do without them.
+    """Add the errors of measured speeds, of the velocity between the two places before, and of the speeds that are foretold.
 
-    Measured speeds are right if it lies between those before and now.
+    Each is compared with the velocity between the last two places. Measured speeds have no error if it lies between those
+    before and now.
 
     Parameters
     ----------

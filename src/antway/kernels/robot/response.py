@@ -61,9 +61,10 @@ def learn_place(
 ) -> float:
     """Return the standard deviation of the errors of the robot's place in x and in y, m; the parameters as in `learn`.
 
-    An error is what is left, after a few seconds, of all misses: a place that jumps stays wrong until it jumps again. A miss is
-    the distance of the robot from where it is foretold to be, if its speeds have become what they are evenly. Speeds that are
-    wrong by a constant factor do not count. `foretold` is the state now if it was at (0, 0), with the heading 0, before.
+    A miss is the distance of the robot from the place foretold, corrected by the error of the speeds foretold, as if that had
+    grown evenly. An error is the sum of all misses, which are forgotten within a few seconds: a place that jumps stays wrong
+    until it jumps again. Speeds that are wrong by a constant factor do not count. `foretold` is the state now if it was at
+    (0, 0), with the heading 0, before.
     """
     passed = now[T] - before[T]
     more_a, more_b = 0.5 * passed * (now[A] - foretold.a), 0.5 * passed * (now[B] - foretold.b)
@@ -116,7 +117,9 @@ def learn(
     place: NDArray[np.float64],
     odometry: NDArray[np.float64],
 ) -> tuple[float, float, float, float]:
-    """Add how wrong each candidate foretells the speeds of now from those before; only the first, while it has been right.
+    """Add the errors with which each candidate foretells the present speeds from those before.
+
+    While the first candidate has been right, only its own errors are added.
 
     Parameters
     ----------

@@ -83,9 +83,9 @@ class Odometry:
         return bool(abs(turned) > _UNSEEN and abs(turned - asked) < abs(asked))
 
     def correct(self, period: Period, limits: RobotLimits) -> None:
-        """Take the speeds that are foretold for measured ones, and how much farther the robot came in this cycle than foretold.
+        """Replace wrong speeds in the observation of now by those that are foretold.
 
-        The observation of now is changed.
+        How much farther the robot came in this cycle than was foretold is added to them, as a speed.
         """
         if self.measured:
             return
