@@ -41,7 +41,7 @@ class Entries:
             _, k = self.due.pop(0)
             found[k] = self._leave(k, t, here, line)
         changed = {k: trajectory for k, trajectory in found.items() if trajectory is not None}
-        return line.changed(changed) if changed else line
+        return line.with_trajectories(changed) if changed else line
 
     def _return(self, k: int, t: float, here: Place, line: Timeline) -> Trajectory | None:
         """Return the trajectory of an absent person who comes back in the control period from time t; None if too near."""

@@ -304,21 +304,21 @@ _MOST = {"m/s": MAX_SPEED, "s": MAX_TIME, "m": MAX_PLACE, "rad": MAX_ANGLE, "": 
 def _spans(motion: object, *, low: float = 0.0, **units: str) -> None:
     """Check these spans of a motion, given with their units: numbers of at least `low`."""
     for name, unit in units.items():
-        value, high = getattr(motion, name), _MOST[unit]
-        if isinstance(value, (tuple, list, np.ndarray)):
-            ends = checks.point(name, value)
-            for i, end in enumerate(ends):
-                checks.number(f"{name}[{i}]", end, low=low, high=high, unit=unit)
-                _check_not_crawling(f"{name}[{i}]", end, unit)
-            if ends[0] > ends[1]:
-                raise BadParameter(name, ends, "a pair (low, high) with low <= high")
-            object.__setattr__(motion, name, ends)
+        span = getattr(motion, name)
+        if isinstance(span, (tuple, list, np.ndarray)):
+            span = checks.point(name, span)
+            for i, end in enumerate(span):
+                _number(f"{name}[{i}]", end, low, unit)
+            if span[0] > span[1]:
+                raise BadParameter(name, span, "a pair (low, high) with low <= high")
         else:
-            object.__setattr__(motion, name, checks.number(name, value, low=low, high=high, unit=unit))
-            _check_not_crawling(name, getattr(motion, name), unit)
+            span = _number(name, span, low, unit)
+        object.__setattr__(motion, name, span)
 
 
-def _check_not_crawling(name: str, value: float, unit: str) -> None:
-    """Refuse speeds so small that travel times overflow."""
-    if unit == "m/s" and 0.0 < value < MIN_SPEED:
-        raise BadParameter(name, value, f"0, or at least {MIN_SPEED:g} ({unit})")
+def _number(name: str, value: object, low: float, unit: str) -> float:
+    """Return a number of a motion; speeds so small that travel times overflow are refused."""
+    number = checks.number(name, value, low=low, high=_MOST[unit], unit=unit)
+    if unit == "m/s" and 0.0 < number < MIN_SPEED:
+        raise BadParameter(name, number, f"0, or at least {MIN_SPEED:g} ({unit})")
+    return number

@@ -40,13 +40,12 @@ def refuse_through_walls(world: World, seed: int, horizon: float) -> None:
 
 def _first(grid: Grid, obstacle: Obstacle, draw: Draw, horizon: float) -> float:
     """Return when the obstacle is in a wall for the first time, s; infinite if never."""
-    motion = obstacle.motion
+    motion, radius = obstacle.motion, obstacle.radius
     if isinstance(motion, _TURN_BACK):
-        return _inside(grid, obstacle.radius, np.zeros(1), np.array([motion.start]))
-    t, xy = motion.trajectory(draw, horizon, grid, obstacle.radius)
-    before = t <= horizon
-    before[: int(before.sum()) + 1] = True  # including the leg that contains the horizon
-    when = _inside(grid, obstacle.radius, np.asarray(t[before], np.float64), np.asarray(xy[before], np.float64))
+        return _first_on(grid, radius, np.zeros(1), np.array([motion.start]))
+    t, xy = motion.trajectory(draw, horizon, grid, radius)
+    count = int((t <= horizon).sum()) + 1  # including the leg that contains the horizon
+    when = _first_on(grid, radius, np.asarray(t[:count], np.float64), np.asarray(xy[:count], np.float64))
     if when <= horizon:
         return when
     if not isinstance(motion, Line | BackAndForth | Waypoints):
@@ -55,9 +54,9 @@ def _first(grid: Grid, obstacle: Obstacle, draw: Draw, horizon: float) -> float:
     ends = np.array(points + points[:1] if isinstance(motion, Waypoints) and motion.loop else points)
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(ends, axis=0).T))))
     speed = motion.speed[1] if isinstance(motion.speed, tuple) else motion.speed  # the highest
-    return _inside(grid, obstacle.radius, along / speed, ends) if speed > _STANDS else math.inf
+    return _first_on(grid, radius, along / speed, ends) if speed > _STANDS else math.inf
 
 
-def _inside(grid: Grid, radius: float, t: NDArray[np.float64], xy: NDArray[np.float64]) -> float:
+def _first_on(grid: Grid, radius: float, t: NDArray[np.float64], xy: NDArray[np.float64]) -> float:
     """Return when a disc on this trajectory is in a wall for the first time, s; infinite if never."""
     return float(first_inside(grid.blocked, t, grid.to_points(xy), max(radius - _SLACK, 0.0) / grid.resolution))

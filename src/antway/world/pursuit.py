@@ -29,7 +29,8 @@ class Pursuit:
         self.pursuers = [(k, radius, motion.drawn(Draw(seed, k))) for k, radius, motion in chosen]
         if chosen:
             t = np.arange(steps + 1, dtype=np.float64) * task.robot.dt
-            self.use(self.timeline.changed({k: (t, np.full((steps + 1, 2), motion.start)) for k, _, motion in chosen}))
+            stands = {k: (t, np.full((steps + 1, 2), motion.start)) for k, _, motion in chosen}
+            self.use(self.timeline.with_trajectories(stands))
 
     def use(self, whole: Timeline) -> Timeline:
         """Continue with another timeline, in which the pursuers have the same knots; return it."""

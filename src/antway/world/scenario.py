@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario, TooLarge
 from antway.limits import MAX_TIME
+from antway.maps import load_map, save_map
 from antway.reading import is_file, opened, read_toml_file
 from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
@@ -173,12 +174,10 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
-    from antway.maps import load_map
-
-    _keys(record, "", _TOP, ("map", "start", "goal"), where)
+    _check_keys(record, "", _TOP, ("map", "start", "goal"), where)
     values = dict(record)
     size = {name: values.pop(name) for name in ("resolution", "occupied") if name in values}
-    grid = load_map(_inside(values["map"], "map", folder, where), **size).turned()
+    grid = load_map(_file_below(values["map"], "map", folder, where), **size).turned()
     robot = _robot(values.pop("robot", {}), where)
     sensor = _build("sensor", Sensor, values.pop("sensor", {}), where)
     listed = values.pop("obstacles", [])
@@ -220,8 +219,8 @@ def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
     radius = checks.number(f"{name}.radius", values.pop("radius"), low=0, open_low=True, unit="m", where=where)
     kind = MOTIONS[checks.choice(f"{name}.motion", values.pop("motion"), MOTIONS, where=where)]
     if kind is Replay and "file" in values:
-        _keys(values, name, ("file",), (), where)
-        file = _inside(values["file"], f"{name}.file", folder, where)
+        _check_keys(values, name, ("file",), (), where)
+        file = _file_below(values["file"], f"{name}.file", folder, where)
         table = _read_csv(file, f"{name}.file", where)
         if table.ndim != 2 or table.shape[1] != 3:
             raise BadScenario(f"{name}.file", table.shape, "CSV lines t,x,y in s and m", where=where)
@@ -245,14 +244,14 @@ def _build(name: str, kind: type, record: object, where: str) -> Any:
     if not isinstance(record, dict):
         raise BadScenario(name, record, "a table", where=where)
     known = [f for f in fields(kind) if f.init]
-    _keys(record, name, tuple(f.name for f in known), tuple(f.name for f in known if f.default is MISSING), where)
+    _check_keys(record, name, tuple(f.name for f in known), tuple(f.name for f in known if f.default is MISSING), where)
     try:
         return kind(**record)
     except BadInput as error:
         raise error.at(where, f"{name}.{error.field.removeprefix(f'{name}.')}") from None
 
 
-def _keys(record: dict[str, Any], name: str, allowed: tuple[str, ...], needed: tuple[str, ...], where: str) -> None:
+def _check_keys(record: dict[str, Any], name: str, allowed: tuple[str, ...], needed: tuple[str, ...], where: str) -> None:
     dot = f"{name}." if name else ""
     for key in record:
         if key not in allowed:
@@ -262,7 +261,7 @@ def _keys(record: dict[str, Any], name: str, allowed: tuple[str, ...], needed: t
             raise BadScenario(f"{dot}{key}", None, "given", where=where)
 
 
-def _inside(value: object, name: str, folder: Path, where: str) -> Path:
+def _file_below(value: object, name: str, folder: Path, where: str) -> Path:
     """Return the file `value` in `folder` or below; links that lead out of it are refused."""
     allowed = "the relative path of a file in the scenario's folder or below it"
     if not isinstance(value, str) or not value or "\0" in value or PurePosixPath(value).is_absolute():
@@ -300,8 +299,6 @@ def to_toml(scenario: Scenario) -> str:
 
 def save_scenario(scenario: Scenario, path: str | Path) -> None:
     """Write `scenario` to `path` and its map beside it, as <name>_map.yaml and .pgm."""
-    from antway.maps import save_map
-
     checks.instance("scenario", scenario, Scenario)
     with writing("path", path) as file:
         map_path = file.with_name(f"{file.stem}_map.yaml")

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 from antway import checks
 from antway.errors import BadParameter, OutOfBounds, TooLarge
 from antway.world.line_of_sight import check_clear
-from antway.world.policy import Task
+from antway.world.policy import XY, Task
 
-XY = tuple[float, float]  # m
 MAX_STOPS = 500
 
 
@@ -40,9 +39,7 @@ class Stop:
         set_ = object.__setattr__
         set_(self, "at", checks.point("at", self.at))
         checks.instance("name", self.name, str)
-        parts = checks.sequence("window", self.window, "(earliest, latest) in s")
-        if len(parts) != 2:
-            raise BadParameter("window", self.window, "(earliest, latest) in s")
+        parts = checks.sequence("window", self.window, "(earliest, latest) in s", size=2)
         early, late = (checks.number("window", part, infinite=True, unit="s") for part in parts)
         if early > late or late < 0.0 or early > 1e9:
             raise BadParameter("window", (early, late), "an earliest time of at most 1e9 s and a latest no earlier, >= 0")

@@ -104,7 +104,7 @@ class Timeline:
         low, high = self.first[k], self.first[k + 1]
         return self.knot_t[low:high], self.knot_xy[low:high]
 
-    def changed(self, trajectories: Mapping[int, Trajectory]) -> Timeline:
+    def with_trajectories(self, trajectories: Mapping[int, Trajectory]) -> Timeline:
         """Return the timeline with other trajectories of the discs with these numbers."""
         every = [trajectories[k] if k in trajectories else self.trajectory(k) for k in range(len(self))]
         return Timeline.of(self.id.tolist(), self.radius.tolist(), every)

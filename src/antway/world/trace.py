@@ -104,8 +104,8 @@ class Trace:
     def __post_init__(self) -> None:
         if not len(self.turn_rate):
             object.__setattr__(self, "turn_rate", np.zeros(len(self.t)))
-        self.turn_rate.flags.writeable = False
-        for array in (self.t, self.xy, self.velocity, self.heading, self.command, self.sensed, self.cycle_ms):
+        arrays = self.t, self.xy, self.velocity, self.heading, self.turn_rate, self.command, self.sensed, self.cycle_ms
+        for array in arrays:
             array.flags.writeable = False
 
     def __len__(self) -> int:

@@ -99,16 +99,12 @@ class State:
     until: float = math.inf
 
 
-class _Shared(threading.local):
-    memory: Memory | None = None
-
-
-_SHARED = _Shared()
+_SHARED = threading.local()
 
 
 def shared_memory(cells: int) -> Memory:
     """Return the one memory of this thread for searches on maps of so many cells; each search begins with an empty one."""
-    memory = _SHARED.memory
+    memory: Memory | None = getattr(_SHARED, "memory", None)
     if memory is None or len(memory.stamp) != cells:
         memory = _SHARED.memory = make_memory(cells)
     return memory

@@ -46,7 +46,7 @@ class Tracker:
         self.averages = np.zeros((ROWS, averages.COLUMNS))
         self._measured, self._noise = np.zeros((MOST_ROWS, noise.COLUMNS)), np.zeros(3)  # see kernels/tracking/noise.py
         self._last, self._errors = np.zeros((MOST_ROWS, reported.COLUMNS)), np.zeros(4)  # see kernels/tracking/reported.py
-        self._variance = np.zeros((64, 2))  # of the last scan
+        self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
         self._seen = np.zeros((ROWS, bounces.COLUMNS))  # see kernels/tracking/turns.py
         self.doubts_velocities = False
         self._forget()
@@ -110,10 +110,7 @@ class Tracker:
 
     def _variances(self, tracks: Tracks, t: float) -> NDArray[np.float64]:
         """Return the variances of places (m^2) and velocities (m^2/s^2) as the filter takes them, float64[K, 2]."""
-        n = len(tracks)
-        if n > len(self._variance):
-            self._variance = np.zeros((2 * n, 2))
-        variance = self._variance[:n]
+        variance = self._variance[: len(tracks)]
         if tracks.covariance is not None:
             filtered = np.where(tracks.covariance[:, 0, 2] != 0.0, -1.0, 1.0)  # a filter correlates place and velocity
             variance[:, 0], variance[:, 1] = tracks.covariance[:, 0, 0] * filtered, tracks.covariance[:, 2, 2] * filtered
