@@ -245,6 +245,35 @@ def test_the_check_rejects_every_broken_motion() -> None:
         check_motion(Grid(np.ones(OFFICE.shape, bool), OFFICE.resolution), DIFF, motion)
 
 
+def moved(dt: float, x: np.ndarray, v: np.ndarray) -> Motion:
+    """A motion along x with even knots."""
+    still = np.zeros(len(x))
+    return Motion(dt * np.arange(len(x)), np.column_stack((2.0 + x, 5.0 + still)), still, np.column_stack((v, still)), still)
+
+
+def test_the_check_rejects_drift_spin_and_reversals_within_a_step() -> None:
+    """Small misses of many knots add up; a holonomic footprint does not turn; within a step to and fro wheels brake first."""
+    room, still, here = Grid(np.zeros((10, 10), dtype=bool)), np.zeros(2001), np.full((2001, 2), 5.0)
+    for dt in (1e-4, 0.01):
+        with pytest.raises(InvalidPlan, match="velocities lead"):
+            check_motion(room, ROBOTS["inertia"], moved(dt, 0.0009 * np.arange(2001), still))
+    slow = moved(0.01, 1e-5 * np.arange(2001), still)
+    with pytest.raises(InvalidPlan, match="velocities lead"):
+        check_motion(room, ROBOTS["inertia"], slow)
+    with pytest.raises(InvalidPlan, match="turn rates lead"):
+        check_motion(room, DIFF, Motion(slow.t, here, slow.xy[:, 0].copy(), slow.velocity, slow.turn_rate))
+    spin = Motion(np.arange(3.0), here[:3], np.array([0.0, 25.0, 50.0]), np.zeros((3, 2)), np.array([0.0, 50.0, 0.0]))
+    with pytest.raises(InvalidPlan, match="keeps its heading"):
+        check_motion(room, ROBOTS["box"], spin)
+    v = np.array([0.0, 0.5, 0.5, 1.0, -1.0, -0.5, 0.0]) / 2.0
+    x = np.concatenate(([0.0], np.cumsum(v[1:] + v[:-1]) / 2.0))
+    wheels = RobotSpec(drive="differential", v_reverse=1.0, a_max=1.0)
+    check_motion(room, wheels, moved(1.0, x, v))
+    for limit in ("a_max", "brake_max"):
+        with pytest.raises(InvalidPlan, match=limit):
+            check_motion(room, replace(wheels, **{"brake_max": 1.0, limit: 0.6}), moved(1.0, x, v))
+
+
 def test_walls_are_checked_between_knots() -> None:
     """A post of one cell between two knots 4 m apart is found, and so is a corner that sweeps out in a turn in place."""
     blocked = np.zeros((40, 60), dtype=bool)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _NEAR = 1e-6  # m, m/s, rad/s; tolerance of limits
 _DRIFT = 1e-3  # m, rad; by how much the integrated velocity of a step may miss the next knot
+_FRACTION = 0.01  # and as a share of how far the robot may go in this step; all steps together, of how far they go
 _FINEST = 1e-3  # m; steps in which no point of the body moves farther are not divided
 _AT_ONCE = 1e3  # m/s^2, rad/s^2; value used for infinite limits
 _NODES = np.array([-0.8611363115940526, -0.3399810435848563, 0.3399810435848563, 0.8611363115940526])
@@ -45,9 +46,10 @@ def check_motion(grid: Grid, robot: RobotSpec, motion: Motion) -> None:
         For arguments of another type.
     InvalidPlan
         If times do not increase from 0; if the robot does not stand at both ends; if velocities do not lead from knot to knot,
-        or wheels move sideways; if a limit of speed, acceleration, braking, turning or turning radius is exceeded;
-        or if the body (a disc, or the turned footprint) touches a wall. Walls are checked in continuous time: steps are divided
-        until every point of the body moves less than the distance to walls, or less than a millimetre.
+        wheels move sideways, or a holonomic robot with a footprint turns; if a limit of speed, acceleration, braking, turning
+        or turning radius is exceeded; or if the body (a disc, or the turned footprint) touches a wall. Walls are checked in
+        continuous time: steps are divided until every point of the body moves less than the distance to walls, or less than a
+        millimetre.
     """
     checks.instance("grid", grid, Grid)
     if not hasattr(robot, "braking"):
@@ -95,19 +97,30 @@ def _limit_faults(robot: RobotSpec, motion: Motion) -> Iterator[str]:
             yield "turns tighter than turning_radius"
         if (np.abs(np.diff(rate)) > min(robot.alpha_max, _AT_ONCE) * dt * (1 + _NEAR) + 1e-12).any():
             yield "turns with more than alpha_max"
-    elif np.hypot(*speed.T).max() > robot.v_max + _NEAR:
-        yield "is faster than v_max"
-    change = np.diff(speed, axis=0)
-    falls = (speed[1:] * change).sum(axis=1) <= 0.0
-    most = np.where(falls, min(braking(robot), _AT_ONCE), min(robot.a_max, _AT_ONCE)) * dt
-    if (np.sqrt((change**2).sum(axis=1)) > most * (1 + _NEAR) + 1e-12).any():
+    else:
+        if np.hypot(*speed.T).max() > robot.v_max + _NEAR:
+            yield "is faster than v_max"
+        if robot.footprint is not None and max(np.abs(rate).max(), np.ptp(motion.heading)) > _NEAR:
+            yield "turns, and a holonomic robot with a footprint keeps its heading"
+    change, grow, brake = np.diff(speed, axis=0), min(robot.a_max, _AT_ONCE), min(braking(robot), _AT_ONCE)
+    most = np.where((speed[1:] * change).sum(axis=1) <= 0.0, brake, grow)
+    if wheels:  # amid a step that ends in the other direction they brake first
+        most[speed[:-1, 0] * speed[1:, 0] < 0.0] = min(brake, grow)
+    if (np.sqrt((change**2).sum(axis=1)) > most * dt * (1 + _NEAR) + 1e-12).any():
         yield "accelerates with more than a_max or brakes with more than brake_max"
     if len(dt):
         after = _poses(robot, motion, np.arange(len(dt)), dt)
-        if np.hypot(*(after[:, :2] - motion.xy[1:]).T).max() > _DRIFT:
+        if _drifts(np.hypot(*(after[:, :2] - motion.xy[1:]).T), np.sqrt((speed**2).sum(axis=1)), robot.v_max, dt):
             yield "a place is not where the velocities lead"
-        if np.abs(after[:, 2] - motion.heading[1:]).max() > _DRIFT and (wheels or robot.footprint is not None):
+        if wheels and _drifts(np.abs(after[:, 2] - motion.heading[1:]), np.abs(rate), robot.turn_rate, dt):
             yield "a heading is not where the turn rates lead"
+
+
+def _drifts(missed: Floats, speed: Floats, limit: float, dt: Floats) -> bool:
+    """Tell whether steps miss the next knot by more than computing with knots explains, one or all together."""
+    moved = ((speed[:-1] + speed[1:]) / 2.0 * dt).sum()
+    alone = missed > np.minimum(_FRACTION * limit * dt + _NEAR, _DRIFT)
+    return bool(alone.any() or missed.sum() > _FRACTION * moved + _DRIFT)
 
 
 def _poses(robot: RobotSpec, motion: Motion, step: NDArray[np.int64], after: Floats) -> Floats:
