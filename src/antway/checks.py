@@ -50,7 +50,7 @@ def number(
 
 
 def fields(record: object, *names: str, **limits: Any) -> None:
-    """Check these fields of a frozen dataclass as `number` does within `limits`, and store them as floats."""
+    """Check these fields of a record, which may be frozen, as `number` does within `limits`; store them as floats."""
     for name in names:
         object.__setattr__(record, name, number(name, getattr(record, name), **limits))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from antway.kernels.baselines.potential_field import disc_force, wall_force
 from antway.world.policy import XY, Command, Observation, Task
 
 
+@dataclass(kw_only=True, eq=False, repr=False)
 class PotentialField(Follow):
     """Descend a potential: the target attracts, walls and moving obstacles repel; the force is the commanded velocity.
 
@@ -44,26 +46,21 @@ class PotentialField(Follow):
     robots using potential field method, Autonomous Robots 13, 2002.
     """
 
-    def __init__(
-        self,
-        *,
-        look_ahead: float | None = 2.0,
-        conic: float = 0.5,
-        wall: float = 0.002,
-        influence: float = 0.4,
-        moving: float = 0.05,
-        far: float = 1.5,
-        brake: float = 2.0,
-    ) -> None:
-        self.look_ahead = (
-            None if look_ahead is None else checks.number("look_ahead", look_ahead, low=0.0, open_low=True, unit="m")
-        )
-        self.conic = checks.number("conic", conic, low=0.0, open_low=True, unit="m")
-        self.wall = checks.number("wall", wall, low=0.0, unit="m^4/s")
-        self.influence = checks.number("influence", influence, low=0.0, open_low=True, unit="m")
-        self.moving = checks.number("moving", moving, low=0.0, unit="m^3/s")
-        self.far = checks.number("far", far, low=0.0, open_low=True, unit="m")
-        self.brake = checks.number("brake", brake, low=0.0, open_low=True, unit="m/s^2")
+    look_ahead: float | None = 2.0
+    conic: float = 0.5
+    wall: float = 0.002
+    influence: float = 0.4
+    moving: float = 0.05
+    far: float = 1.5
+    brake: float = 2.0
+
+    def __post_init__(self) -> None:
+        if self.look_ahead is not None:
+            checks.fields(self, "look_ahead", low=0.0, open_low=True, unit="m")
+        checks.fields(self, "conic", "influence", "far", low=0.0, open_low=True, unit="m")
+        checks.fields(self, "wall", low=0.0, unit="m^4/s")
+        checks.fields(self, "moving", low=0.0, unit="m^3/s")
+        checks.fields(self, "brake", low=0.0, open_low=True, unit="m/s^2")
 
     def reset(self, task: Task, seed: int) -> None:
         """Label the walls: blocked cells that touch, even at corners, are one wall."""
