@@ -188,6 +188,17 @@ def test_a_stop_of_priority_zero_is_left_out(initial: list[int] | None) -> None:
     assert short.orders[0].tolist() == [0, 2, 1, 0] and short.cost == 5.0
 
 
+def test_a_window_may_close_at_the_arrival() -> None:
+    rng = np.random.default_rng(3)
+    xy = rng.random((16, 2)) * 5
+    matrix = np.hypot(*(xy[:, None] - xy[None]).T)
+    free = order_stops(matrix, end="start", cycles=20)
+    windows = np.tile([0.0, math.inf], (16, 1))
+    windows[free.orders[0][1], 1] = free.arrival[0][1]
+    answer = order_stops(matrix, end="start", windows=windows, cycles=5)
+    assert answer.feasible and answer.cost == pytest.approx(free.cost)
+
+
 def test_spends_no_more_than_it_may() -> None:
     rng = np.random.default_rng(9)
     xy = rng.random((60, 2)) * 100

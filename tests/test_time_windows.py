@@ -258,6 +258,17 @@ def test_check_refuses_broken_orders() -> None:
     assert solve_tsptw(tenths, cycles=5).order.tolist() == [0, 1, 2]
 
 
+def test_windows_that_end_at_the_arrival_are_kept() -> None:
+    """Also with numbers that are not decimal; and an order that is late by less than they are rounded is late."""
+    third, late = 1 / 3, math.nextafter(2 / 3, 0.0)
+    for closes in (third, 2 / 3), (9.0, late):
+        edge = Tsptw([[0, third, 9], [9, 0, third], [third, 9, 0]], [[0, 9], [0, closes[0]], [0, closes[1]]])
+        result = solve_tsptw(edge, cycles=5)
+        check_tsptw(edge, result.order, result.cost, feasible=result.feasible)
+        assert result.order.tolist() == [0, 1, 2] and result.conflict == ()
+        assert result.feasible == result.proven == (result.lateness == 0.0) == (closes[1] != late)
+
+
 def test_reads_the_format() -> None:
     instance = parse(SMALL)
     assert instance.size == 4 and instance.matrix[3, 0] == 9.0 and instance.windows.tolist()[2] == [5.0, 20.0]

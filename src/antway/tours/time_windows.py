@@ -7,6 +7,7 @@ import os
 import re
 import threading
 from dataclasses import dataclass
+from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path as File
 
@@ -173,14 +174,14 @@ def solve_tsptw(
     found = search(path, clock, makespan=makespan, cycles=cycles, seed=seed, target=good, initial=first)
     order = found.order[:-1]
     cost, late = evaluate(instance, order, makespan)
-    feasible, bound = not found.late > 0.0, path.bound(makespan)
+    feasible, bound = late == 0.0, path.bound(makespan)
     return TsptwResult(
         order.copy(),
         cost,
         feasible,
-        0.0 if feasible else late,  # a feasible order is late by nothing but rounding errors
+        late,
         tuple(sorted({node % n for node in found.conflict})),
-        found.proven,
+        found.proven and feasible == (found.late == 0.0),  # `found` may be late by what `path` rounds
         min(bound, cost) if feasible else bound,
         found.cycles,
         np.array(found.history, dtype=np.float64).reshape(-1, 3),
@@ -189,13 +190,18 @@ def solve_tsptw(
 
 
 def evaluate(instance: Tsptw, order: NDArray[np.int32], makespan: bool) -> tuple[float, float]:
-    """Return cost and lateness of the closed tour `order`."""
-    now, late = float(instance.windows[order[0], 0]), 0.0
+    """Return cost and lateness of the closed tour `order`; times are decimal numbers, whose sums are exact."""
+
+    def exact(value: float) -> Fraction:
+        return Fraction(repr(float(value)))
+
     closed = [*order.tolist(), int(order[0])]
+    now, late = exact(instance.windows[closed[0], 0]), Fraction(0)
     for here, there in pairwise(closed):
-        now = max(now + float(instance.matrix[here, there]), float(instance.windows[there, 0]))
-        late += max(0.0, now - float(instance.windows[there, 1]))
-    return now if makespan else math.fsum(instance.matrix[closed[:-1], closed[1:]]), late
+        opens, closes = instance.windows[there]
+        now = max(now + exact(instance.matrix[here, there]), exact(opens))
+        late += max(now - exact(closes), Fraction(0)) if closes < math.inf else 0
+    return float(now) if makespan else math.fsum(instance.matrix[closed[:-1], closed[1:]]), float(late)
 
 
 def load_tsptw(path: str | os.PathLike[str]) -> Tsptw:

@@ -57,8 +57,8 @@ class Path:
 
     Notes
     -----
-    Decimal numbers with at most six places become whole numbers. Others are rounded to 50 bits of the horizon, to the safe
-    side: an order that is in time here is in time with the given numbers.
+    Decimal numbers with at most six places become whole numbers. Others are rounded to 50 bits of the horizon, and windows end
+    later by more than what rounding adds: an order that is in time with the given numbers is in time here.
     """
 
     def __init__(self, time: Floats, opens: Floats, closes: Floats, quick: bool = False) -> None:
@@ -76,7 +76,8 @@ class Path:
             steps, opens, ends = (np.round(values * self.scale) for values in (steps, opens, ends))
         else:
             self.scale = 2.0 ** (50 - math.ceil(math.log2(horizon)))
-            steps, opens, ends = np.ceil(steps * self.scale), np.ceil(opens * self.scale), np.floor(ends * self.scale)
+            # Each step and each sum may add a unit.
+            steps, opens, ends = np.ceil(steps * self.scale), np.ceil(opens * self.scale), np.floor(ends * self.scale) + 2 * n
         self.time, self.opens, self.closes = steps, opens.copy(), ends.copy()
         whole = steps.copy()
         np.fill_diagonal(whole, 0.0)
