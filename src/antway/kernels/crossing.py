@@ -23,11 +23,14 @@ from antway.kernels.tracking.curves import Turning, predict_turns, turn_rates
 from antway.kernels.tracking.predict import SIGMA_V, VX, VY, TubeMargins, X, Y, predict, time_shift
 from antway.kernels.tracking.prediction_error import compare_predictions, store_predictions
 
-KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what a cycle did with the plan
+KEPT, NEW, NONE = range(3)  # what a cycle did with the plan
 # Entries of `Plan.state`: the number of knots, the arrival at the goal in s, the number of cycles in which a plan was made, the
 # time in s before which no better plan is searched for while the obstacles move as predicted, the last lower bound on any
 # arrival in s, the number of predicted motion segments, and the time in s that was recently given up for additional clearance.
 KNOT_COUNT, ARRIVAL, PLANNED, NEXT_SEARCH, BOUND, SEGMENT_COUNT, DELAY_SPENT = range(7)
+_ON_PLAN = 0.02  # m; a robot that is farther from its place on the plan does not follow the plan any more
+_LEAST_PERSISTENCE, _GREATEST_PERSISTENCE = 0.1, 0.9  # 1; of the pheromone
+_DELAY_PER_ERROR = 2.0  # s^2/m; for additional clearance a plan may arrive later by this times the mean velocity error
 _LITTLE = 0.01  # s; additional clearance worth less than this is not searched for
 _FORGETS = 0.1  # 1; the time given up for clearance is forgotten at this rate, in s a second
 _PAUSE = 0.25  # s; the colony searches for a better plan at this interval while the obstacles move as predicted
@@ -46,17 +49,13 @@ class Settings(NamedTuple):
     stores_predictions: bool  # whether predictions are stored and later compared with what happened
     preferred_speed: float  # m/s
     hysteresis: float  # s
-    tracking_tolerance: float  # m
     expansions: int  # most moves tested where there is no plan
     improvement_expansions: int  # most moves tested where there is a plan
-    least_persistence: float  # 1; of the pheromone
-    greatest_persistence: float  # 1
     goal_x: float  # m
     goal_y: float  # m
     tubes: TubeMargins
     narrow_tubes: TubeMargins  # of the last search, if no path keeps clear of `tubes`; a robot radius of 0 means no such search
     wide_tubes: TubeMargins  # of the search for additional clearance; a robot radius of 0 means that there is none
-    delay_per_error: float  # s^2/m; for additional clearance a plan may arrive later by this times the mean velocity error
     colony: ColonySettings
     few_moves: ColonySettings  # of the search that follows if the expansions were too few; a colony without moves means none
 
@@ -148,7 +147,7 @@ def _can_be_followed(c: _Cycle) -> bool:
     if end <= c.now + c.settings.dt or (end <= c.now + c.settings.horizon - 1e-6 and end <= c.plan.state[ARRIVAL] - 1e-6):
         return False
     px, py, _ = place_at(c.plan.knots, n, c.now)
-    return bool(math.hypot(px - c.x, py - c.y) <= c.settings.tracking_tolerance)
+    return bool(math.hypot(px - c.x, py - c.y) <= _ON_PLAN)
 
 
 @inner_kernel
@@ -210,7 +209,7 @@ def _search(
         plan.knots[n, 0] += settings.colony.stay
         plan.state[KNOT_COUNT] += 1
     plan.state[PLANNED] += 1
-    evaporate(trails, c.now, settings.least_persistence, settings.greatest_persistence, plan.state[PLANNED])
+    evaporate(trails, c.now, _LEAST_PERSISTENCE, _GREATEST_PERSISTENCE, plan.state[PLANNED])
     return True
 
 
@@ -271,7 +270,7 @@ def _replan(
         plan.state[SEGMENT_COUNT] = count
         narrow = Predictions(plan.segments[:count], time_shift(s.narrow_tubes))
         found = _search(memory, trails, c, s.colony, narrow, math.inf, s.expansions // _LAST, state)
-    return IMPROVED if found and valid else NEW if found else KEPT if usable else NONE
+    return NEW if found else KEPT if usable else NONE
 
 
 @kernel
@@ -302,7 +301,7 @@ def cycle(
     )
     if s.wide_tubes.robot_radius > 0.0 and n > 0:
         copy_row(velocity_error, averaged[:, SIGMA_V])
-        most_delay = s.delay_per_error * velocity_error.mean()
+        most_delay = _DELAY_PER_ERROR * velocity_error.mean()
     # Predict all obstacles.
     crowd.counts[0] = foresee(crowd.rows, crowd.counts[0], estimates, scanned, s.preferred_speed, crowd.prediction)
     predict_turns(estimates, crowd.turning.rate, crowd.prediction)

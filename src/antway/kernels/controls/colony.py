@@ -173,8 +173,8 @@ def refill(archive: Archive, lattice: Lattice, problem: ControlProblem, most: in
 
 
 @kernel
-def forage(archive: Archive, lattice: Lattice, colony: ColonySettings, problem: ControlProblem, state: State) -> float:
-    """Improve the archive for the robot's problem, in rounds of ants; return the cost of the best sequence, s."""
+def forage(archive: Archive, lattice: Lattice, colony: ColonySettings, problem: ControlProblem, state: State) -> None:
+    """Improve the archive for the robot's problem, in rounds of ants."""
     refill(archive, lattice, problem, len(archive.cost))
     for _ in range(colony.rounds):
         for i in range(archive.used[0]):
@@ -182,5 +182,3 @@ def forage(archive: Archive, lattice: Lattice, colony: ColonySettings, problem: 
         for _ in range(colony.ants):
             draw(archive, colony, problem.limits, state)
             take(archive, problem)
-    best: float = archive.cost[archive.order[0]]
-    return best

@@ -61,7 +61,7 @@ def average(
     problem: ControlProblem,
     state: State,
     averaging: Averaging,
-) -> float:
+) -> None:
     """Do as `forage`, but keep only a mean: each round draws sequences around it and averages them.
 
     The first mean is the best of the seeds and the last mean. With `averaging.elite` = 0 this is MPPI (Williams and others
@@ -81,9 +81,7 @@ def average(
         _average_of_round(averaging, block, colony.least)
     archive.used[0] = 0
     archive.ant[:] = mean
-    cost = cost_below(math.inf, mean, problem)
-    insert(archive, cost)
-    return cost
+    insert(archive, cost_below(math.inf, mean, problem))
 
 
 @kernel
@@ -94,7 +92,7 @@ def restart(
     problem: ControlProblem,
     state: State,
     averaging: Averaging,
-) -> float:
+) -> None:
     """Do as `forage`, but without an archive: each sequence is drawn around a random seed, and the best of all is kept."""
     spread = averaging.spread
     refill(archive, lattice, problem, 1)
@@ -111,4 +109,3 @@ def restart(
     archive.used[0] = 0
     archive.ant[:] = averaging.mean
     insert(archive, best)
-    return float(best)

@@ -20,7 +20,6 @@ _DISCOUNT = 0.3  # 1; a plan keeps this share of a tube's width, because full tu
 _MARGIN = 0.005  # m; least distance kept to predicted obstacles
 _DRIFT_TIME = 0.2  # s; the margin grows by this times the standard deviation of a track's velocity
 _EXTRA_DRIFT_TIME = 1.0  # s; a plan with additional clearance keeps this times that deviation more from 1.5 s ahead on
-_DELAY_PER_ERROR = 2.0  # s^2/m; such a plan may arrive later by this times the mean of that standard deviation
 
 
 def make_settings(policy: AntwayPolicy, task: Task) -> Settings:
@@ -56,11 +55,8 @@ def make_settings(policy: AntwayPolicy, task: Task) -> Settings:
         stores_predictions=True,
         preferred_speed=float(task.obstacle_speed),
         hysteresis=policy.hysteresis,
-        tracking_tolerance=0.02,
         expansions=policy.expansions,
         improvement_expansions=policy.improvement_expansions,
-        least_persistence=0.1,
-        greatest_persistence=0.9,
         goal_x=task.goal[0],
         goal_y=task.goal[1],
         tubes=tubes,
@@ -68,7 +64,6 @@ def make_settings(policy: AntwayPolicy, task: Task) -> Settings:
         wide_tubes=tubes._replace(
             robot_radius=0.0 if strict or controlled else robot.radius, extra_drift_time=_EXTRA_DRIFT_TIME
         ),
-        delay_per_error=_DELAY_PER_ERROR,
         colony=colony,
         few_moves=colony._replace(moves=np.uint64(0 if len(short) == len(policy.moves.offsets) else (1 << short).sum())),
     )
