@@ -12,11 +12,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from antway import checks
 from antway.ants.immune import Immunity, scaled, vaccinate_path
 from antway.ants.rules import Rule
 from antway.errors import BadParameter, TooLarge
-from antway.grid import Cell, Grid, Moves
+from antway.grid import Cell, Moves
 from antway.kernels.colony import grid_walk as kernel
 from antway.kernels.colony.pheromone import Numbers, limits
 from antway.kernels.colony.pheromone import persistence as rho
@@ -49,7 +48,6 @@ class AntGraph:
     problem: Problem
 
     def __post_init__(self) -> None:
-        checks.instance("problem", self.problem, Problem)
         if len(self.problem.moves.offsets) > 8:
             raise BadParameter("problem.moves", self.problem.moves.value, "four, eight, eight-nosqueeze or eight-cut for ants")
         if self.problem.grid.blocked.size > MAX_CELLS:
@@ -284,13 +282,6 @@ class Trail:
         strongest = rho(self.numbers.persistence_rule, 1.0, 0.0, 0, 0.0)
         length = self.best if self.best < math.inf else self.graph.bound
         return limits(self.numbers, strongest, length, max(round(length), 1), self._choices)
-
-
-def crop(grid: Grid, corner: tuple[int, int], shape: tuple[int, int], forbidden: NDArray[np.bool_] | None) -> Grid:
-    """Return the part of `grid` with that corner and shape, in which `forbidden` cells are blocked as well."""
-    part = (slice(corner[0], corner[0] + shape[0]), slice(corner[1], corner[1] + shape[1]))
-    blocked = grid.blocked[part]
-    return Grid(blocked if forbidden is None else blocked | forbidden[part], resolution=grid.resolution)
 
 
 def length_of(path: NDArray[np.uint8]) -> float:

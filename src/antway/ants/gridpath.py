@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
-from antway.ants.grid_walk import NO_PATH, AntGraph, Ants, Trail, crop, plan_of
+from antway.ants.grid_walk import NO_PATH, AntGraph, Ants, Trail, plan_of
 from antway.ants.immune import Immune, Immunity
 from antway.ants.persistence import Constant, Persistence
 from antway.ants.rules import MaxMinAntSystem, Rule, make_rule
 from antway.errors import BadParameter
+from antway.grid import Grid
 from antway.kernels.colony.grid_walk import entropy
 from antway.planning import Budget, Plan, Problem, Status, start_clock
 
@@ -236,7 +237,6 @@ def explore(
 
 def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None) -> tuple[Problem | None, Window]:
     """Return the problem on the window, None if its goal is forbidden, and the window."""
-    checks.instance("problem", problem, Problem)
     grid, shape = problem.grid, problem.grid.shape
     if window is None:
         window = (0, 0, *shape)
@@ -254,7 +254,9 @@ def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None)
             return None, (row, col, rows, cols)
         mask[problem.start] = False
     if mask is not None or (rows, cols) != shape:
-        grid = crop(grid, (row, col), (rows, cols), mask)
+        part = slice(row, row + rows), slice(col, col + cols)
+        blocked = grid.blocked[part] if mask is None else grid.blocked[part] | mask[part]
+        grid = Grid(blocked, resolution=grid.resolution)
     start, goal = ((r - row, c - col) for r, c in (problem.start, problem.goal))
     return Problem(grid, start, goal, problem.moves), (row, col, rows, cols)
 
