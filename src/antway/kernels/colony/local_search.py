@@ -161,6 +161,7 @@ def small(search: Search, t2: Index, t3: Index, t5: Index, longest: int) -> bool
 @bare_kernel
 def exchange(search: Search, shape: int, t1: Index, t2: Index, t3: Index, t4: Index, t5: Index, t6: Index) -> None:
     """Make a move by one to three flips, and queue its ends."""
+    # The compiler wants as many steps of each shape; only the first `count` are made.
     steps = (t1, t2, t4, t3), (t1, t4, t6, t5), (t1, t2, t4, t3)
     count = 1 if shape == TWO else 2
     if shape == SWAPPED:  # the parts t2 ... t5 and t6 ... t3 are swapped
