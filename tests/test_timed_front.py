@@ -171,12 +171,26 @@ def test_the_command_prints_and_draws_the_front(tmp_path, capsys: pytest.Capture
     assert len(record["front"]) == len(record["paths"]) >= 1
     assert app([*where, "--out", str(tmp_path / "front.png")], standalone_mode=False) in (0, None)
     printed = capsys.readouterr().out
-    assert "the front is whole" in printed and f"drawn in {tmp_path / 'front.png'}" in printed
+    assert "all trade-offs found" in printed and f"drawn in {tmp_path / 'front.png'}" in printed
     assert (tmp_path / "front.png").stat().st_size > 10_000
     robot = [part for part in where if part not in ("--radius", "0.3")]
     assert app([*robot, "--robot", "jackal", "--json"], standalone_mode=False) in (0, None)
     driven = json.loads(capsys.readouterr().out)["front"]
     assert driven[0][0] < 0.6 * record["front"][0][0]
+
+
+def test_the_command_gives_a_long_way_its_time(tmp_path, capsys: pytest.CaptureFixture) -> None:
+    """What is farther than a minute away is reached; what stands in the only way all the time is not called "no path"."""
+    (tmp_path / "hall.txt").write_text("." * 60 + "\n")
+    (tmp_path / "hall.toml").write_text(
+        'map = "hall.txt"\nstart = [0.5, 0.5]\ngoal = [59.5, 0.5]\nhorizon = 90.0\n'
+        '[[obstacles]]\nradius = 0.3\nmotion = "line"\nstart = [9.0, 0.5]\nend = [9.1, 0.5]\nspeed = 0.5\n'
+    )
+    where = ["plan", str(tmp_path / "hall.txt"), "--start", "0.5,0.5", "--goal", "59.5,0.5", "--pareto"]
+    assert app(where, standalone_mode=False) in (0, None)
+    assert "83.44 s" in capsys.readouterr().out
+    assert app([*where, "--obstacles", str(tmp_path / "hall.toml")], standalone_mode=False) == 4
+    assert "none arrives within 90 s at 1 m/s" in capsys.readouterr().out
 
 
 def test_the_picture_needs_a_path() -> None:

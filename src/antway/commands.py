@@ -234,12 +234,16 @@ def plan_front(
     """Print the front of time, distance and clearance among the obstacles of a scenario; see `antway plan --pareto`."""
     from antway import Status, load_scenario
     from antway.ants.timed_front import OBJECTIVES, timed_front
+    from antway.search.distance_field import distance_field
 
     with working("searching the front"):
         scenario = None if obstacles is None else load_scenario(obstacles)
         line = None if scenario is None else scenario.world.timeline(seed, scenario.horizon)
-        speed, horizon = (1.0, 60.0) if scenario is None else (scenario.robot.v_max, min(scenario.horizon, 60.0))
-        speed = speed if v_max is None else v_max
+        speed = v_max or (1.0 if scenario is None else scenario.robot.v_max)
+        away = float(distance_field(problem.grid, problem.goal, problem.moves)[problem.start])
+        # Every move takes as long as the longest one, which is of 1.4 cells; half of that again is for detours and waiting.
+        needs = 1.5 * away * float(problem.moves.lengths.max()) / speed
+        horizon = min(max(60.0, needs if needs < float("inf") else 0.0), 1e5 if scenario is None else scenario.horizon)
         try:
             front = timed_front(problem, line, radius=radius, v_max=speed, horizon=horizon, seed=seed)
         except TooLarge as error:
@@ -250,18 +254,22 @@ def plan_front(
 
         with working("drawing"):
             save(front_figure(grid, front, line), out)
+    late = front.status is Status.NO_PATH and away < float("inf")
+    status = Status.BUDGET if late else front.status
     if json:
         paths = [{"t": path.t.tolist(), "xy": path.xy.tolist()} for path in front.paths]
-        print_json({"status": front.status.value, "objectives": OBJECTIVES, "front": front.values.tolist(), "paths": paths})
+        print_json({"status": status.value, "objectives": OBJECTIVES, "front": front.values.tolist(), "paths": paths})
     else:
         for time, distance, clearance in front.values.tolist():
             print(f"{time:8.2f} s  {distance:8.2f} m  clearance {clearance:.2f} m")
-        whole = {Status.FOUND: "the front is whole", Status.NO_PATH: "no path", Status.BUDGET: "the front may lack paths"}
         count = f"{len(front.paths)} path{'' if len(front.paths) == 1 else 's'}"
-        print(f"{count}, {whole[front.status]}; {front.labels} labels extended")
+        says = {Status.FOUND: "all trade-offs found", Status.NO_PATH: "no path", Status.BUDGET: "there may be more"}[
+            front.status
+        ]
+        print(f"{count}, {f'none arrives within {horizon:.4g} s at {speed:g} m/s' if late else says}")
         if out is not None and len(front.paths):
             print(f"drawn in {out}")
-    return status_of_search(front.status)
+    return status_of_search(status)
 
 
 def smooth_plan(path: Plan, grid: Grid, robot: RobotSpec, seed: int, out: Path | None, json: bool) -> int:

@@ -60,7 +60,7 @@ def plan_figure(
         style.draw_path(axes, xy, style.BLUE, 2.2, label=label, zorder=4)
         ends = ends or (xy[0], xy[-1])
     if ends is not None:
-        _draw_ends(axes, *ends)
+        draw_ends(axes, *ends)
     axes.set_title(title)
     style.legend_below(axes)
     return fig
@@ -126,7 +126,7 @@ def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final 
     every = max(1, round(5.0 / trace.task.robot.dt))
     marks = trace.xy[every::every]
     axes.plot(*marks.T, "o", color="white", markeredgecolor=style.BLUE, markersize=4, label="every 5 s", zorder=4.5)
-    _draw_ends(axes, trace.task.start, trace.task.goal)
+    draw_ends(axes, trace.task.start, trace.task.goal)
     axes.set_title(f"{title}: {trace.outcome.value.replace('-', ' ')}")
     style.legend_below(axes, columns=3)
     return fig
@@ -251,7 +251,7 @@ def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, predict
     _draw_obstacle_labels(axes, trace, step)
     _draw_numbers(axes, trace, step)
     style.draw_path(axes, trace.xy[: step + 1], style.BLUE, 2.2, label="driven", zorder=4)
-    _draw_ends(axes, task.start, task.goal)
+    draw_ends(axes, task.start, task.goal)
     _disc(axes, trace.xy[step], task.robot.radius, style.BLUE, zorder=6, label="robot")
     nose = trace.xy[step] + task.robot.radius * np.array([np.cos(trace.heading[step]), np.sin(trace.heading[step])])
     axes.plot(*np.array([trace.xy[step], nose]).T, color="white", linewidth=1.2, zorder=6.5)
@@ -350,7 +350,8 @@ def _draw_global(axes: Axes, grid: Grid, path: Plan) -> None:
         axes.plot(*path.xy(grid).T, color=style.INK, linewidth=1.2, linestyle=(0, (4, 2)), label=label, zorder=2.5)
 
 
-def _draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
+def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
+    """Mark the start by a circle and the goal by a star, each at (x, y) in m."""
     look: dict[str, Any] = {"linestyle": "", "markeredgecolor": style.INK, "clip_on": False, "zorder": 5.8}
     axes.plot(*start, marker="o", color="white", markersize=7, markeredgewidth=1.6, label="start", **look)
     axes.plot(*goal, marker="*", color=style.GOLD, markersize=13, markeredgewidth=0.9, label="goal", **look)
