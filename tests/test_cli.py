@@ -316,6 +316,15 @@ def test_a_run_explains_itself(antway: Any, tmp_path: Path) -> None:
     assert status == 0 and met[0]["encounter"] in out and name in out and cost in out
 
 
+def test_discs_that_would_overlap_are_closest_at_zero(capsys: pytest.CaptureFixture) -> None:
+    """The table says the same distance as the reason beside it."""
+    from antway.console import print_decisions
+
+    one = {"t": 0.5, "action": "avoid", "obstacle": 2, "encounter": "standing", "weighed": [], "gap": 0.0, "guard": "free"}
+    print_decisions([{**one, "time_to_closest": 4.2, "distance_at_closest": -0.23, "reason": "closest in 4.2 s at 0.0 m"}])
+    assert "0.00 m in 4.2 s" in capsys.readouterr().out
+
+
 def test_a_contact_is_status_five(antway: Any, tmp_path: Path) -> None:
     """C22: a robot that something runs into, in a passage too narrow for both, ends with status 5."""
     save_map(Grid(np.zeros((1, 20), dtype=bool)), tmp_path / "hall.yaml")

@@ -266,7 +266,8 @@ def print_decisions(decisions: list[dict[str, Any]]) -> None:
     for one in decisions:
         closest = "-"
         if one["time_to_closest"] is not None:
-            closest = f"{_shown(one['distance_at_closest'], '.2f', ' m')} in {one['time_to_closest']:.1f} s"
+            gap = one["distance_at_closest"]  # less than 0 where discs would overlap; reasons say 0 there as well
+            closest = f"{_shown(gap and max(gap, 0.0), '.2f', ' m')} in {one['time_to_closest']:.1f} s"
         row = (
             f"{one['t']:.1f} s",
             one["action"],

@@ -169,7 +169,7 @@ function showDecision(decision) {
   put("reason", decision?.reason ?? "No decision was recorded.");
   const facts = [];
   if (decision?.obstacle != null) facts.push([`Obstacle ${decision.obstacle}`, (decision.encounter ?? "").replace("crossing-", "crossing from the ")]);
-  if (decision?.closest) facts.push(["Closest approach", `${fixed(decision.closest[1], 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
+  if (decision?.closest) facts.push(["Closest approach", `${fixed(Math.max(decision.closest[1], 0), 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
   if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
   if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
   facts.push(...(decision?.alternatives ?? []));

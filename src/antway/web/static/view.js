@@ -141,7 +141,7 @@ class View {
     card.querySelector(".reason").textContent = now.outcome ? now.ending : (decision?.reason ?? "Press play, or take one step.");
     const facts = [];
     if (decision?.obstacle != null) facts.push([`Obstacle ${decision.obstacle}`, decision.encounter.replaceAll("-", " ")]);
-    if (decision?.closest[0] != null) facts.push(["Closest approach", `${fixed(decision.closest[1], 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
+    if (decision?.closest[0] != null) facts.push(["Closest approach", `${fixed(Math.max(decision.closest[1], 0), 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
     if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
     if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
     facts.push(...(decision?.alternatives ?? []));
