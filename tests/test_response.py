@@ -17,7 +17,7 @@ from antway.errors import BadParameter
 from antway.kernels.base.records import HOLONOMIC, RobotState
 from antway.kernels.robot.motion import drive_cycle
 from antway.kernels.robot.odometry import COMPARED, HEADING, LAST_X, ODOMETRY, A, B, T, X, Y, compare_speeds
-from antway.kernels.robot.response import GROWS, LED, PLACE, SLOWS, TURNS, WEIGHT, answered, learn, learn_place
+from antway.kernels.robot.response import GROWS, LED, PLACE, SLOWS, TURNS, WEIGHT, Period, answered, learn, learn_place
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.response import Response
 from antway.policies.guard import Guarded
@@ -44,7 +44,8 @@ def test_speeds_are_foretold_as_steps_of_a_millisecond_foretell_them(drive: int)
         state, n = some_state(rng, limits), int(rng.integers(1, 7))
         given, commands = 0.1 * np.arange(10 - n, 10), np.array([some_command(rng) for _ in range(n)])
         expected = twin.answered(state, 0.9, 1.0, given, commands, limits)
-        found = answered(RobotState(0.0, 0.0, 0.0, state.a, state.b), 0.9, 1.0, given, commands, limits)
+        period = Period(np.full(6, 0.9), np.full(6, 1.0), given, commands)
+        found = answered(RobotState(0.0, 0.0, 0.0, state.a, state.b), period, limits)
         assert np.allclose(found[3:], expected, atol=1e-6), (limits, commands)
 
 
@@ -55,17 +56,17 @@ def test_errors_are_those_of_each_candidate() -> None:
     used, error, place = np.zeros(4, np.int64), np.zeros((3, 3, 2)), np.zeros(PLACE)
     odometry = np.zeros(ODOMETRY)
     before, now = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.2, 0.0, 0.0, 0.0, 0.05, 0.0])
-    right = np.array([0.2, 0.005, 0.0, 0.0, *answered(REST, 0.1, 0.2, given, commands, limits)[3:]])
-    learn(before, right, given, commands, limits, latencies, ramps, 0.9, used, error, place, odometry)
+    right = np.array([0.2, 0.005, 0.0, 0.0, *answered(REST, Period(before, now, given, commands), limits)[3:]])
+    learn(Period(before, right, given, commands), limits, latencies, ramps, 0.9, used, error, place, odometry)
     assert error.max() < 1e-20
     for k in range(2):
-        learn(before, now, given, commands, limits, latencies, ramps, 0.9, used, error, place, odometry)
+        learn(Period(before, now, given, commands), limits, latencies, ramps, 0.9, used, error, place, odometry)
         sums = sum(0.9**i for i in range(k + 1))
         assert np.allclose(error[GROWS], sums * np.array([[0.05**2, 0.0], [0.05**2, 0.05**2], [0.05**2, 0.05**2]]))
         assert error[SLOWS].max() == 0.0
         assert np.allclose(error[TURNS], sums * np.array([[(0.3 / 1.9) ** 2, (0.15 / 1.9) ** 2], [0.0, 0.0], [0.0, 0.0]]))
     later = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    learn(now, later, given, commands, limits, latencies, ramps, 0.9, used, error, place, odometry)
+    learn(Period(now, later, given, commands), limits, latencies, ramps, 0.9, used, error, place, odometry)
     assert error[SLOWS].max() > 0.0 and place[WEIGHT] == pytest.approx(0.9**3 + 0.9**2 + 0.9 + 1.0)
 
 

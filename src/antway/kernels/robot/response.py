@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,22 +23,23 @@ _LEAST = 1e-9  # s; rounding errors of times are shorter, and without inertia an
 _RIGHT = 1e-12  # 1; while the squared error of the first candidate is less, the others are not tried
 
 
-@bare_kernel
-def answered(
-    state: RobotState, start: float, end: float, given: NDArray[np.float64], commands: NDArray[np.float64], limits: RobotLimits
-) -> RobotState:
-    """Return the state at `end` s of a robot that is in `state` at `start` s, to which commands were given before.
+class Period(NamedTuple):
+    """The time between two successive observations, and the commands that were given before its end."""
 
-    Parameters
-    ----------
-    state : RobotState
-    start, end : float
-    given : float64[M]
-        When each command was given, s, in this order; it acts from `limits.latency` s later until the next one does. What acts
-        before the first is not known, and the speeds then stay.
-    commands : float64[M, 2]
-    limits : RobotLimits
+    before: NDArray[np.float64]  # [COLUMNS] the observations, as in kernels/robot/odometry.py
+    now: NDArray[np.float64]  # [COLUMNS]
+    given: NDArray[np.float64]  # [M] s; when each command was given, in this order
+    commands: NDArray[np.float64]  # [M, 2]
+
+
+@bare_kernel
+def answered(state: RobotState, period: Period, limits: RobotLimits) -> RobotState:
+    """Return the state at the end of a period of a robot that is in `state` at its start.
+
+    A command acts from `limits.latency` s after it was given until the next one does. What acts before the first is not known,
+    and the speeds then stay.
     """
+    start, end, given, commands = period.before[T], period.now[T], period.given, period.commands
     known = min(given[0] + limits.latency, end) if len(given) else end
     if known - start > _LEAST:
         later = drive_roughly(state, state.a, state.b, limits, known - start)
@@ -104,10 +106,7 @@ def _limited(limits: RobotLimits, a_max: float, brake_max: float, alpha_max: flo
 
 @kernel
 def learn(
-    before: NDArray[np.float64],
-    now: NDArray[np.float64],
-    given: NDArray[np.float64],
-    commands: NDArray[np.float64],
+    period: Period,
     limits: RobotLimits,
     latencies: NDArray[np.float64],
     ramps: NDArray[np.float64],
@@ -123,10 +122,7 @@ def learn(
 
     Parameters
     ----------
-    before, now : float64[COLUMNS]
-        Two successive observations, as in kernels/robot/odometry.py.
-    given, commands : float64[M], float64[M, 2]
-        As in `answered`.
+    period : Period
     limits : RobotLimits
         Of the robot; each candidate replaces its latency, a_max, brake_max and alpha_max.
     latencies : float64[L]
@@ -154,21 +150,21 @@ def learn(
     speed, turn : float
         Root mean squares of the errors of the candidate in use, as shares like `error`.
     """
-    holonomic = limits.drive == HOLONOMIC
+    before, now, holonomic = period.before, period.now, limits.drive == HOLONOMIC
     state = RobotState(0.0, 0.0, 0.0, before[A], before[B])
     in_use = _limited(limits, ramps[used[1], 0], ramps[used[2], 1], ramps[used[3], 2], latencies[used[0]])
-    foretold = answered(state, before[T], now[T], given, commands, in_use)
+    foretold = answered(state, period, in_use)
     if math.isnan(odometry[LAST_X]):
         odometry[FORETOLD_A], odometry[FORETOLD_B] = before[A], before[B]
     alone = RobotState(0.0, 0.0, 0.0, odometry[FORETOLD_A], odometry[FORETOLD_B])
     declared = _limited(limits, ramps[0, 0], ramps[0, 1], ramps[0, 2], latencies[0])
-    compare_speeds(before, now, answered(alone, before[T], now[T], given, commands, declared), holonomic, memory, odometry)
+    compare_speeds(before, now, answered(alone, period, declared), holonomic, memory, odometry)
     misplaced = learn_place(before, now, foretold, holonomic, memory, place)
     slows = math.hypot(now[A], now[B]) < math.hypot(before[A], before[B]) if holonomic else abs(now[A]) < abs(before[A])
     for i in range(len(latencies)):
         for k in range(len(ramps)):
             one = _limited(limits, ramps[k, 0], ramps[k, 1], ramps[k, 2], latencies[i])
-            later = answered(state, before[T], now[T], given, commands, one)
+            later = answered(state, period, one)
             miss_a, miss_b = (later.a - now[A]) / limits.v_max, later.b - now[B]
             if holonomic:
                 miss_a, miss_b = math.hypot(miss_a, miss_b / limits.v_max), 0.0

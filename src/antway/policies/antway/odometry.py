@@ -24,12 +24,10 @@ from antway.kernels.robot.odometry import (
     chord,
     middle_heading,
 )
-from antway.kernels.robot.response import answered
+from antway.kernels.robot.response import Period, answered
 from antway.world.policy import Observation
 from antway.world.robots import RobotSpec
 
-# Of a control period: the observations before and now, when commands were given, and the commands (kernels/robot/response.py).
-Period = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 _ENOUGH = 3.0  # number of comparisons before measured speeds can be found wrong
 _SLIP = 0.05  # m/s; a smaller error of measured speeds does not matter
 _UNSEEN = 0.05  # rad; a robot that turns by more in a cycle at a turn rate of 0 does not measure it
@@ -89,9 +87,9 @@ class Odometry:
         """
         if self.measured:
             return
-        before, now, given, commands = period
+        before, now = period.before, period.now
         passed, dx, dy = now[T] - before[T], now[X] - before[X], now[Y] - before[Y]
-        foretold = answered(RobotState(0.0, 0.0, 0.0, before[A], before[B]), before[T], now[T], given, commands, limits)
+        foretold = answered(RobotState(0.0, 0.0, 0.0, before[A], before[B]), period, limits)
         if self.wheels:
             middle = middle_heading(before, now)
             ahead = dx * math.cos(middle) + dy * math.sin(middle)
@@ -102,9 +100,8 @@ class Odometry:
     def turn(self, period: Period, limits: RobotLimits) -> None:
         """Foretell the turn rate, if it is not measured."""
         if self.turn_rate is not None:
-            before, now, given, commands = period
-            state = RobotState(0.0, 0.0, 0.0, float(now[A]), self.turn_rate)
-            self.turn_rate = answered(state, before[T], now[T], given, commands, limits).b
+            state = RobotState(0.0, 0.0, 0.0, float(period.now[A]), self.turn_rate)
+            self.turn_rate = answered(state, period, limits).b
 
     def completed(self, o: Observation, now: NDArray[np.float64]) -> Observation:
         """Return the observation with the speeds of `now` in place of wrong ones, and the turn rate in place of none."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from antway.kernels.base.jit import entry
 from antway.kernels.robot.odometry import COLUMNS, HEADING, A, B, T, X, Y
-from antway.kernels.robot.response import GROWS, PLACE, SLOWS, TURNS, learn
+from antway.kernels.robot.response import GROWS, PLACE, SLOWS, TURNS, Period, learn
 from antway.policies.antway.odometry import Odometry
 from antway.world.policy import Command, Observation
 from antway.world.robots import RobotSpec
@@ -89,10 +89,10 @@ class Response:
             self.error[:], self.place[:], self.spread = 0.0, 0.0, 0.0
             return self._trust_declared()
         given, commands = self.given[len(self.given) - self.known :], self.commands[len(self.given) - self.known :]
-        period = self.seen[-2], self.seen[-1], given, commands
+        period = Period(self.seen[-2], self.seen[-1], given, commands)
         self.odometry.correct(period, self.robot.limits)
         tables = self.limits, self.latencies, self.ramps, _MEMORY, self.used, self.error, self.place, self.odometry.table
-        arguments = *period, *tables
+        arguments = period, *tables
         first, misplaced, speed, turn = entry(learn, *arguments)(*arguments)
         wrong = self.odometry.check(self.seen[-2], self.seen[-1])
         if wrong:  # what was learnt came from wrong speeds
