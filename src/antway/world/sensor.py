@@ -14,7 +14,7 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
-from antway.kernels.robot.sensor import degrade, scan
+from antway.kernels.robot.sensor import Errors, degrade, scan
 from antway.limits import MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_PERIOD
 from antway.world.policy import Task, Tracks
 from antway.world.terrain import terrain_of
@@ -114,20 +114,9 @@ class Scanner:
         n = entry(scan, *arguments)(*arguments)
         covariance = None
         if not self.plain:
-            n = degrade(
-                n,
-                t,
-                self.seed,
-                self.scans,
-                sensor.dropout,
-                sensor.noise,
-                sensor.velocity_noise,
-                sensor.agility if sensor.velocity == "estimated" else 0.0,
-                self.seen,
-                self.state,
-                self.tracker,
-                self.covariance,
-            )
+            agility = sensor.agility if sensor.velocity == "estimated" else 0.0
+            errors = Errors(sensor.dropout, sensor.noise, sensor.velocity_noise, agility)
+            n = degrade(n, t, self.seed, self.scans, errors, self.seen, self.state, self.tracker, self.covariance)
             covariance = self.covariance[:n].copy()
         self.scans += 1
         seen, xy, velocity = self.seen[:n].copy(), self.state[:n, :2].copy(), self.state[:n, 2:].copy()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,16 +74,22 @@ def normal(state: State) -> float:
     return radius * math.cos(2.0 * math.pi * uniform(state))
 
 
+class Errors(NamedTuple):
+    """How a sensor measures; see `antway.world.sensor.Sensor`."""
+
+    dropout: float  # 1; probability
+    noise: float  # m; standard deviation of places
+    velocity_noise: float  # m/s; standard deviation of velocities
+    agility: float  # m/s^2; assumed acceleration of obstacles where velocities are estimated, else 0
+
+
 @kernel
 def degrade(
     n: int,
     t: float,
     seed: np.uint64,
     tick: int,
-    dropout: float,
-    noise: float,
-    velocity_noise: float,
-    agility: float,
+    errors: Errors,
     seen: NDArray[np.int64],
     state: NDArray[np.float64],
     tracker: NDArray[np.float64],
@@ -110,6 +117,7 @@ def degrade(
     int
         Number of discs left.
     """
+    dropout, noise, velocity_noise, agility = errors
     kept = 0
     draw = np.empty(1, np.uint64)
     for m in range(n):
