@@ -188,7 +188,7 @@ def test_a_stop_of_priority_zero_is_left_out(initial: list[int] | None) -> None:
     assert short.orders[0].tolist() == [0, 2, 1, 0] and short.cost == 5.0
 
 
-def test_a_window_may_close_at_the_arrival() -> None:
+def test_a_window_may_close_at_the_arrival_and_just_before() -> None:
     rng = np.random.default_rng(3)
     xy = rng.random((16, 2)) * 5
     matrix = np.hypot(*(xy[:, None] - xy[None]).T)
@@ -197,6 +197,10 @@ def test_a_window_may_close_at_the_arrival() -> None:
     windows[free.orders[0][1], 1] = free.arrival[0][1]
     answer = order_stops(matrix, end="start", windows=windows, cycles=5)
     assert answer.feasible and answer.cost == pytest.approx(free.cost)
+    windows[free.orders[0][1], 1] -= 0.05  # now nothing can be in time, and the cost still counts
+    for known in None, free:
+        late = order_stops(matrix, end="start", windows=windows, cycles=5, initial=known)
+        assert late.lateness == pytest.approx(0.05) and late.cost == pytest.approx(free.cost)
 
 
 def test_spends_no_more_than_it_may() -> None:

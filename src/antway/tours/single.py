@@ -27,7 +27,15 @@ def best_order(
     if initial is not None:
         (kept,), missing = inner_places(rows, [initial])
         first = _inserted(path, [0, *kept, m - 1], missing)
-    found = search(path, clock, makespan=stops.objective == "makespan", cycles=cycles, seed=seed, initial=first, pheromone=tau)
+    makespan = stops.objective == "makespan"
+    found = search(path, clock, makespan=makespan, cycles=cycles, seed=seed, initial=first, pheromone=tau)
+    proven = found.proven and found.late == 0.0
+    order = found.order if first is None or found.late < path.late(first) else first
+    if found.late > 0.0 and np.isfinite(spans[order[:-1], order[1:]]).all():
+        # With windows that are longer by the delays of this order, the rest of the budget is for its cost.
+        eased = Path(spans, opens, np.maximum(closes, path.starts(order)), quick or clock.spent())
+        left = None if cycles is None else max(cycles - found.cycles, 1)
+        found = search(eased, clock, makespan=makespan, cycles=left, seed=seed, initial=order, pheromone=tau)
     learned = None
     if found.pheromone.size:
         learned = np.full((n, n), TAU_0)
@@ -36,7 +44,7 @@ def best_order(
             learned[ids[1:-1], rows[-1]] = found.pheromone[1:-1, -1]
     order = rows[found.order]
     order = order[:-1] if stops.end is None else order
-    return order.astype(np.int32), found.proven and found.late == 0.0, learned
+    return order.astype(np.int32), proven, learned
 
 
 def _inserted(path: Path, order: list[int], missing: list[int]) -> Order:

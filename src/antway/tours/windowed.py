@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +121,13 @@ class Path:
     def late(self, order: Order) -> float:
         """Return the sum of the delays of service."""
         return float(lateness(self.finite, self.opens, self.closes, order, math.inf)) / self.scale
+
+    def starts(self, order: Order) -> Floats:
+        """Return the start of service at each stop."""
+        starts = self.opens.copy()
+        for here, there in pairwise(order.tolist()):
+            starts[there] = max(starts[here] + self.finite[here, there], starts[there])
+        return starts / self.scale
 
 
 def _decimal(values: Floats, horizon: float) -> float:
