@@ -168,8 +168,8 @@ def test_what_passes_is_what_its_slow_twin_passes(a_max: float, kind: str) -> No
         (px, py), heading, speed = rng.uniform(4, 6, 2), rng.uniform(-3, 3), rng.uniform(0, V_MAX) * (rng.random() < 0.7)
         command = rng.normal(size=2) * rng.choice([0.5, 1.0, 2.0])
         v = (speed * math.cos(heading), speed * math.sin(heading))
-        rules, terrain = Rules(DT, 1.5, True), Terrain(HALL, 0.0, 0.0, SIZE)
-        wx, wy, did = guarded(RobotState(px, py, heading, *v), *command, tracks, robot.limits, rules, terrain)
+        rules = Rules(robot.limits, Terrain(HALL, 0.0, 0.0, SIZE), DT, 1.5, True)
+        wx, wy, did = guarded(RobotState(px, py, heading, *v), *command, tracks, rules)
         did_all.append(did)
         gaps = naive.gaps_of_fractions(px, py, v, heading, command, tracks, RADIUS, limits, DT, HALL, SIZE)
         near = np.abs(gaps) < 2e-3  # too close to call by sampling

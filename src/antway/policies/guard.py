@@ -163,13 +163,13 @@ class Guard:
 
     def set_robot(self, task: Task) -> None:
         """Guard the robot of `task` from now on, which is that of `reset` with another latency or other accelerations."""
-        robot, self.task, self.limits, self.terrain = task.robot, task, task.robot.limits, terrain_of(task.grid)
+        robot, self.task = task.robot, task
         strict = self.mode == "strict"
         self.dynamic = None if robot.stepwise else _Dynamic(task, self.mode)
         self.walls = walls_of(task.grid) if strict and robot.stepwise else None
         self.bounds[BOUND_CHANGE], self.bounds[STRICT] = assumed_accel(task, self.mode), float(strict or not robot.stepwise)
-        self.rules = Rules(robot.dt, self.lookahead, strict)
-        self._kernel = entry(guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.limits, self.rules, self.terrain)
+        self.rules = Rules(robot.limits, terrain_of(task.grid), robot.dt, self.lookahead, strict)
+        self._kernel = entry(guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.rules)
 
     def limit(self, observation: Observation, command: Command | None) -> Command:
         """Return the command that passes; `did` then says what the guard did.
@@ -211,7 +211,7 @@ class Guard:
             self.did = DID[did]
             return passed
         state = RobotState(*o.xy, o.heading, *o.velocity)
-        vx, vy, did = self._kernel(state, *command.velocity, tracks, self.limits, self.rules, self.terrain)
+        vx, vy, did = self._kernel(state, *command.velocity, tracks, self.rules)
         self.did = DID[did]
         return Command((vx, vy))
 

@@ -33,8 +33,10 @@ BOUND_SPEED, BOUND_GROWTH, BOUND_CHANGE, BOUND_KIND, STOPPING_TIME, STRICT = ran
 
 
 class Rules(NamedTuple):
-    """How the guard decides."""
+    """How the guard decides, for which robot and on which map."""
 
+    limits: RobotLimits
+    terrain: Terrain
     dt: float  # s; control period
     lookahead: float  # s; a standing robot steps aside if an obstacle would touch it within this time
     strict: bool  # whether only commands that are certain to be safe pass
@@ -150,16 +152,7 @@ def within_reach(
 
 
 @kernel
-def brakes_free(
-    x: float,
-    y: float,
-    wx: float,
-    wy: float,
-    tracks: NDArray[np.float64],
-    limits: RobotLimits,
-    dt: float,
-    terrain: Terrain,
-) -> bool:
+def brakes_free(x: float, y: float, wx: float, wy: float, tracks: NDArray[np.float64], rules: Rules) -> bool:
     """Tell whether a robot at (x, y) can drive one period with (wx, wy) and then brake, straight, to a stand.
 
     `tracks` is float64[K, 8], as in kernels/robot/reach.py. Until the robot stands, no obstacle that stays within its bounds
@@ -168,7 +161,7 @@ def brakes_free(
     speed = math.hypot(wx, wy)
     if speed <= TOUCH:
         return True
-    t, start_x, start_y = 0.0, x, y
+    limits, dt, t, start_x, start_y = rules.limits, rules.dt, 0.0, x, y
     ux, uy = wx / speed, wy / speed
     while speed > TOUCH:
         for k in range(len(tracks)):
@@ -178,7 +171,7 @@ def brakes_free(
         y += uy * speed * dt
         t += dt
         speed -= limits.a_max * dt
-    return not hits_walls(terrain, start_x, start_y, x, y, limits.radius, True)
+    return not hits_walls(rules.terrain, start_x, start_y, x, y, limits.radius, True)
 
 
 @kernel
@@ -218,40 +211,26 @@ def _time_to_contact_after(
 
 
 @kernel
-def _aside(
-    state: RobotState,
-    standing: float,
-    tracks: NDArray[np.float64],
-    limits: RobotLimits,
-    rules: Rules,
-    terrain: Terrain,
-) -> tuple[float, float]:
+def _aside(state: RobotState, standing: float, tracks: NDArray[np.float64], rules: Rules) -> tuple[float, float]:
     """Return the velocity of the step aside with the latest contact, if that is later than `standing` s, else (0, 0).
 
     The robot drives at full speed for `rules.lookahead` s, or up to a wall, and then stands. Its braking path must be free.
     """
-    (x, y, heading, vx, vy), v_max, radius, ahead = state, limits.v_max, limits.radius, rules.lookahead
+    (x, y, heading, vx, vy), limits, ahead = state, rules.limits, rules.lookahead
+    v_max, radius = limits.v_max, limits.radius
     best, ax, ay = standing, 0.0, 0.0
     for k in range(_SIDES):
         tx, ty = v_max * math.cos(2 * math.pi * k / _SIDES), v_max * math.sin(2 * math.pi * k / _SIDES)
-        wall, _, _ = wall_ahead(terrain, x, y, tx * ahead, ty * ahead, radius)
+        wall, _, _ = wall_ahead(rules.terrain, x, y, tx * ahead, ty * ahead, radius)
         contact = _time_to_contact_after(x, y, tx, ty, min(wall, 1.0) * ahead, 2 * ahead, tracks, radius)
         wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, rules.dt)
-        if contact > best + TOUCH and brakes_free(x, y, wx, wy, tracks, limits, rules.dt, terrain):
+        if contact > best + TOUCH and brakes_free(x, y, wx, wy, tracks, rules):
             best, ax, ay = contact, tx, ty
     return ax, ay
 
 
 @kernel
-def guarded(
-    state: RobotState,
-    cx: float,
-    cy: float,
-    tracks: NDArray[np.float64],
-    limits: RobotLimits,
-    rules: Rules,
-    terrain: Terrain,
-) -> tuple[float, float, int]:
+def guarded(state: RobotState, cx: float, cy: float, tracks: NDArray[np.float64], rules: Rules) -> tuple[float, float, int]:
     """Return the command (vx, vy) that the guard passes, and what it did.
 
     The commanded velocity (cx, cy) passes if the robot's braking path after it is free; else the fastest velocity in the same
@@ -259,8 +238,8 @@ def guarded(
     the robot steps aside, if that delays the contact; where `rules.strict` is false, it takes the command of `least_harm`
     instead, certain or not. Wheels at rest turn towards the command. The state has the velocity (vx, vy), whatever the drive.
     """
-    (x, y, heading, vx, vy), v_max, dt = state, limits.v_max, rules.dt
-    speed = math.hypot(cx, cy)
+    (x, y, heading, vx, vy), limits, dt, speed = state, rules.limits, rules.dt, math.hypot(cx, cy)
+    v_max = limits.v_max
     if speed > v_max:
         cx, cy, speed = cx * v_max / speed, cy * v_max / speed, v_max
     for k in range(_FRACTIONS, 0, -1):
@@ -268,14 +247,14 @@ def guarded(
             break
         tx, ty = cx * k / _FRACTIONS, cy * k / _FRACTIONS
         wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, dt)
-        if brakes_free(x, y, wx, wy, tracks, limits, dt, terrain):
+        if brakes_free(x, y, wx, wy, tracks, rules):
             return tx, ty, FREE if k == _FRACTIONS else SLOWED
     standing = time_to_contact(x, y, tracks, limits.radius)
     if standing <= rules.lookahead:
         if not rules.strict:
-            ax, ay = least_harm(state, cx, cy, tracks, limits, dt, terrain)
+            ax, ay = least_harm(state, cx, cy, tracks, limits, dt, rules.terrain)
             return ax, ay, LEAST_HARM if ax != 0.0 or ay != 0.0 else BRAKED if speed > TOUCH else FREE
-        ax, ay = _aside(state, standing, tracks, limits, rules, terrain)
+        ax, ay = _aside(state, standing, tracks, rules)
         if ax != 0.0 or ay != 0.0:
             return ax, ay, STEPPED_ASIDE
     turn = wrap(math.atan2(cy, cx) - heading)
