@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from antway.arena.engines import Job, bench, table_jobs
-from antway.arena.store import TIMING, Results
+from antway.arena.store import TIMING, Results, Row
 from antway.arena.suites import episodes
 from antway.baselines.replan import Follow
 from antway.cli import main
@@ -256,3 +256,23 @@ def test_a_policy_that_never_arrives_has_no_nan_in_its_table(tmp_path, monkeypat
     with pytest.raises(SystemExit):
         main()
     assert "nan" not in capsys.readouterr().out
+
+
+def test_a_second_run_adds_to_all_files(tmp_path, monkeypatch):
+    """Tables keep the rows of earlier runs in the same folder, as the report does; the summary has a section for each suite."""
+
+    def played(jobs, results, **_):
+        for job in jobs:
+            results.add(Row(*job.key, job.episode.group, "reached", "", time=1.0))
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("antway.arena.engines.bench", played)
+    monkeypatch.setattr("antway.view.report.write_report", lambda *_: None)
+    for more in ("paper", "paper --robot diff", "synthetic"):
+        monkeypatch.setattr(sys, "argv", f"antway bench {more} --episodes 1 --policies follow".split())
+        with pytest.raises(SystemExit):
+            main()
+    headings = [line for line in (tmp_path / "bench" / "summary.md").read_text().splitlines() if line.startswith("## ")]
+    assert headings == ["## paper", "## paper on diff", "## synthetic"]
+    rows = json.loads((tmp_path / "bench" / "results.json").read_text())
+    assert len(rows) == count(tmp_path / "bench") and {f"## {row['suite']}" for row in rows} == set(headings)

@@ -332,12 +332,14 @@ def bench_command(
     with Results(out / "results.db") as results:
         with episode_bar(jobs[0].episode.suite, len(jobs)) as advance:
             engines.bench(jobs, results, engine=engine, workers=cores, timeout=timeout, done=lambda row: advance())
-        wanted = {job.key for job in jobs}
-        rows = [row for row in results.rows() if row.key in wanted]
+        every, wanted = results.rows(), {job.key for job in jobs}
+        rows = [row for row in every if row.key in wanted]
+        suites = {suite: [row for row in every if row.suite == suite] for suite in sorted({row.suite for row in every})}
         with working("writing the report"), writing("out", out):
             for kind in kinds:
-                export(rows, out / f"results.{kind}")
-            (out / "summary.md").write_text(markdown(rows, names), encoding="utf-8")
+                export(every, out / f"results.{kind}")
+            text = "\n".join(f"## {suite}\n\n{markdown(played)}" for suite, played in suites.items())
+            (out / "summary.md").write_text(text, encoding="utf-8")
             write_report(results, out / "report.html")
     table = summarise(rows, names)
     if json:
