@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 import random
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from antway import Command
+from antway import Command, load_scenario, run
 from antway.baselines.replan import Follow
 from antway.conformance import check_planner, check_policy
 from antway.errors import InvalidPlan
 from antway.planning import PLANNERS, Plan, Status, find
+from antway.tables import SHIPPED_SCENES
 from antway.world.policy import POLICIES, make_policy
 
 
@@ -21,6 +23,13 @@ from antway.world.policy import POLICIES, make_policy
 def test_policies_keep_the_contract(name):
     """Every policy keeps the contract."""
     check_policy(lambda: make_policy(name), seconds=30.0)
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_policies_set_out_in_every_shipped_scene(name):
+    """Within the first second every policy drives somewhere, on coarse maps and fine ones."""
+    for scene in SHIPPED_SCENES:
+        assert run(replace(load_scenario(scene), horizon=1.0), name).length > 0.2, scene
 
 
 @pytest.mark.parametrize("name", PLANNERS)

@@ -14,6 +14,7 @@ from antway.kernels.base.records import Trajectories
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, crosses_edge, predict
 from antway.kernels.tracking.tubes import first_conflict
 from antway.planning import Problem, TimedPath
+from antway.search.distance_field import distance_field
 from antway.search.dstarlite import DStarLite as Search
 from antway.search.sipp import NO_SEGMENTS
 from antway.search.sipp import Sipp as SpaceTime
@@ -188,12 +189,14 @@ class DStarLite(Follow):
         """Start the search at the goal."""
         super().reset(task, seed)
         size = task.grid.resolution
-        # A diagonal move comes nearer to a corner by at most half its length.
-        self.inflated = task.grid.inflate(math.hypot(task.robot.radius, size / math.sqrt(2)))
-        start, goal = self._cell(task.start), self._cell(task.goal)
         self.repair = None
-        if start is not None and goal is not None:
-            self.repair = Search(Problem(self.inflated, start, goal, Moves.EIGHT))
+        for radius in (math.hypot(task.robot.radius, size / math.sqrt(2)), task.robot.radius):  # with room to spare, or without
+            self.inflated = task.grid.inflate(radius)
+            start, goal = self._cell(task.start), self._cell(task.goal)
+            if start is not None and goal is not None:
+                self.repair = Search(Problem(self.inflated, start, goal, Moves.EIGHT))
+                if math.isfinite(distance_field(self.inflated, goal)[start]):
+                    break
         self.cells = np.argwhere(~self.inflated.blocked)
         self.centres = self.inflated.to_xy(self.cells)
         self.closed = np.zeros(len(self.cells), np.bool_)
@@ -203,7 +206,7 @@ class DStarLite(Follow):
         o = observation
         here = self._cell(o.xy)
         if self.repair is None or here is None:
-            self.decide("stuck", "the map has no path for this robot")
+            self.decide("stuck", "no free cell is near the robot, or near its goal")
             return STOP
         closed = np.zeros_like(self.closed)
         contact_radius = o.tracks.radius + self.task.robot.radius + self.margin
