@@ -341,6 +341,7 @@ def one_track(**changes) -> Tracks:
         {"radius": np.array([math.nan])},
         {"radius": np.array([0.3, 0.3])},
         {"covariance": np.full((1, 4, 4), math.nan)},
+        {"covariance": np.where(np.eye(4) > 0, 1.0, math.nan)[None]},
         {"covariance": np.eye(4)},
     ],
 )

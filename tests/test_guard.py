@@ -246,6 +246,19 @@ def test_a_robot_is_moved_on_to_a_scan_that_is_a_little_newer() -> None:
         assert check_observation(replace(o, stamp=stamp)).t == 1.0
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.7, math.pi / 2])
+def test_errors_of_places_count_in_every_direction(angle: float) -> None:
+    """A person ahead whose place is uncertain along one line stops the robot, wherever the line and the way lead."""
+    guard, way = Guard(), np.array([math.cos(angle), math.sin(angle)])
+    guard.reset(Task(Grid(np.zeros((60, 60), bool), 0.2), RobotSpec(), (6.0, 6.0), (11.0, 11.0), obstacle_speed=0.5))
+    for variance in (0.0, 0.04):
+        covariance = np.zeros((1, 4, 4))
+        covariance[0, :2, :2] = variance * np.outer(way, way)
+        tracks = Tracks([1], [6.0 + 0.95 * way], [[0, 0]], [0.3], covariance)
+        guard.limit(Observation(0.0, (6.0, 6.0), (0.0, 0.0), 0.0, tracks), Command(tuple(way)))
+        assert guard.did == ("braked" if variance else "free")
+
+
 @pytest.mark.parametrize("what", ["xy", "velocity", "radius", "lengths", "covariance", "own"])
 def test_observations_that_make_no_sense_raise(what: str) -> None:
     """NaN, infinite or negative numbers and arrays of unequal length raise `BadParameter`: no command comes out."""

@@ -273,6 +273,18 @@ def test_the_nearest_of_all_pairs_keeps_its_name_first() -> None:
     assert names(0.7, [(4.7, 1.0)]) == [b], "unseen for one scan"
 
 
+def test_covariances_count_in_every_direction() -> None:
+    """The larger variance of places and of velocities counts, and either axis shows that a filter made them."""
+    for x, y, filtered in ((0.04, 0.01, False), (0.01, 0.04, False), (0.04, 0.01, True), (0.01, 0.04, True)):
+        covariance = np.diag([x, y, 4.0 * x, 4.0 * y])[None]
+        covariance[0, 1, 3] = covariance[0, 3, 1] = 0.001 * filtered
+        tracker = Tracker()
+        for place in (0.0, 0.5):  # the output of a filter replaces the estimate
+            tracker.update(Tracks([7], [[place, 0.0]], [[0.0, 0.0]], [0.3], covariance), place)
+        assert tracker.estimates[0, SIGMA_V] == pytest.approx(0.4) if filtered else tracker.estimates[0, SIGMA_V] < 0.39
+        assert (tracker.estimates[0, X] == 0.5) == filtered
+
+
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("place", [0, -1])
 def test_of_hundreds_of_obstacles_the_nearest_count(place: int, mode: str) -> None:

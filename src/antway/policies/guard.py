@@ -83,8 +83,8 @@ def check_observation(o: Observation) -> Observation:
         raise BadParameter("observation.pending", o.pending, "float64[M, 2], finite")
     if t.covariance is not None:
         spread = t.covariance.diagonal(axis1=1, axis2=2) if t.covariance.shape == (n, 4, 4) else np.array([-1.0])
-        if not ((spread >= 0.0) & (spread <= MAX_PLACE**2)).all():
-            raise BadParameter("tracks.covariance", t.covariance, f"float64[{n}, 4, 4] of finite variances >= 0")
+        if not ((spread >= 0.0) & (spread <= MAX_PLACE**2)).all() or not np.isfinite(t.covariance).all():
+            raise BadParameter("tracks.covariance", t.covariance, f"float64[{n}, 4, 4] of finite numbers, variances >= 0")
     ahead = o.stamp - o.t
     if _EARLY < ahead <= _NEWER:
         place = o.xy[0] + o.velocity[0] * ahead, o.xy[1] + o.velocity[1] * ahead
@@ -226,7 +226,7 @@ class Guard:
         if most > len(self.table):
             self.table = np.resize(self.table, (2 * most, TABLE_COLUMNS))
             self.tracks, self.spread = np.empty((2 * most, COLUMNS)), np.zeros(2 * most)
-        self.spread[: len(t)] = 0.0 if t.covariance is None else 2.0 * np.sqrt(t.covariance[:, 0, 0])
+        self.spread[: len(t)] = 0.0 if t.covariance is None else 2.0 * np.sqrt(t.variances(0))
         self.bounds[STOPPING_TIME], scan = stopping, (t.id, t.xy, t.velocity, t.radius)
         n = self.count = within_reach(
             self.table, self.count, o.t, stamp, self.hold, *scan, self.spread, self.bounds, self.tracks

@@ -60,7 +60,7 @@ def _packed(seen: Observation | None) -> bytes:
     rows[0, :2] = seen.t, seen.sensed_at
     rows[1:, :2], rows[1:, 2:4], rows[1:, 4] = tracks.xy, np.nan_to_num(tracks.velocity, nan=0.0), tracks.radius
     if tracks.covariance is not None:
-        rows[1:, 5], rows[1:, 6] = tracks.covariance[:, 0, 0], tracks.covariance[:, 2, 2]
+        rows[1:, 5], rows[1:, 6] = tracks.variances(0), tracks.variances(2)
     return rows.tobytes()
 
 

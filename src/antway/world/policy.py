@@ -141,6 +141,19 @@ class Tracks:
     def __len__(self) -> int:
         return len(self.id)
 
+    def variances(self, first: int) -> NDArray[np.float64]:
+        """Return the larger variance of each track's place (`first` = 0, m^2) or velocity (2, m^2/s^2) over all directions.
+
+        Examples
+        --------
+        >>> Tracks([7], [[1, 2]], [[0.5, 0]], [0.3], [np.diag([1, 4, 0, 0])]).variances(0).tolist()
+        [4.0]
+        """
+        c = cast(NDArray[np.float64], self.covariance)[:, first : first + 2, first : first + 2]
+        a, b = c[:, 0, 0], c[:, 1, 1]
+        larger: NDArray[np.float64] = 0.5 * (a + b) + np.hypot(0.5 * (a - b), 0.5 * (c[:, 0, 1] + c[:, 1, 0]))
+        return larger
+
     def distinct(self) -> Tracks:
         """Return these tracks with -1 in place of numbers that occur twice, compared as floats.
 

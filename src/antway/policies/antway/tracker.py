@@ -112,8 +112,9 @@ class Tracker:
         """Return the variances of places (m^2) and velocities (m^2/s^2) as the filter takes them, float64[K, 2]."""
         variance = self._variance[: len(tracks)]
         if tracks.covariance is not None:
-            filtered = np.where(tracks.covariance[:, 0, 2] != 0.0, -1.0, 1.0)  # a filter correlates place and velocity
-            variance[:, 0], variance[:, 1] = tracks.covariance[:, 0, 0] * filtered, tracks.covariance[:, 2, 2] * filtered
+            # A filter correlates place and velocity.
+            filtered = np.where(tracks.covariance[:, :2, 2:].any(axis=(1, 2)), -1.0, 1.0)
+            variance[:, 0], variance[:, 1] = tracks.variances(0) * filtered, tracks.variances(2) * filtered
         else:
             variance[:, 0] = noise.place_noise(self._measured, self._noise, t, tracks.id, tracks.xy, tracks.velocity)
             variance[:, 1] = 0.0
