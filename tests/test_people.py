@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from antway import Command, Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
-from antway.arena.predict import forecast, left_tubes
+from antway.arena.predict import forecast, left_tubes, markdown
 from antway.arena.suites import build, episodes
+from antway.errors import BadScenario
 from antway.kernels import sidestep
 from antway.kernels.base.records import RobotState, Terrain
 from antway.kernels.robot.harm import harm, least_harm
@@ -588,6 +589,25 @@ def test_tubes_are_learnt_to_hold_whatever_people_do(factor: float) -> None:
     # Nothing counts before its time has come: the first tubes are as they were fitted.
     first = now < 2.0
     assert (left_tubes(now, error, np.full(n, 0.3), 2.0, 0.05, factor)[first] == (error[first] > 0.3 * factor)).all()
+
+
+def test_the_mean_error_of_forecasts_is_that_of_a_loop(tmp_path: Path) -> None:
+    """Each time up to the horizon counts once; what the record is too short for is NaN, and a dash in the table."""
+    rng, file = np.random.default_rng(3), tmp_path / "t.csv"
+    t, xy = 0.4 * np.arange(20), np.cumsum(rng.normal(0.4, 0.1, (20, 2)), axis=0)
+    file.write_text("".join(f"{a},7,{x},{y}\n" for a, (x, y) in zip(t.tolist(), xy.tolist(), strict=True)))
+    found, errors = forecast(str(file)), []
+    for k in range(2, 20 - 12):
+        ahead = [xy[k] + (xy[k] - xy[k - 1]) * n - xy[k + n] for n in range(1, 13)]
+        errors.append(np.hypot(*np.transpose(ahead)).mean())
+    assert found.ade[2][2] == pytest.approx(np.mean(errors), abs=1e-9)
+    file.write_text("".join(file.read_text().splitlines(keepends=True)[:8]))
+    short = forecast(str(file))
+    assert math.isfinite(short.fde[0][1]) and math.isnan(short.fde[2][1])
+    assert "| 4.8 s | - | - | - | - |" in markdown(short)
+    file.write_text("0,1,0,0\n0,2,1,1\n")
+    with pytest.raises(BadScenario):
+        forecast(str(file))
 
 
 @needs_data

@@ -129,9 +129,30 @@ def test_tracks_far_away_are_refused(tmp_path):
 
 def test_a_heading_may_be_left_out(tmp_path):
     """The first line of a recording is a heading or the first row."""
-    for heading in ("t,id,x,y\n", ""):
-        (tmp_path / "t.csv").write_text(f"{heading}0,1,0,0\n1e0,1,1,0\n")
-        assert len(read_tracks(str(tmp_path / "t.csv"))) == 2
+    for heading in ("t,id,x,y\n", "", "# t,id,x,y\n", "# by hand, t in s\n# or so\n", "# by hand\nt,id,x,y\n"):
+        for one in ("1e0", "1.0E+00"):
+            (tmp_path / "t.csv").write_text(f"{heading}{one},1,1,0\n0,1,0,0\n")
+            assert read_tracks(str(tmp_path / "t.csv")).tolist() == [[0.0, 1.0, 0.0, 0.0], [1.0, 1.0, 1.0, 0.0]]
+
+
+def test_recordings_are_not_cut_short(monkeypatch, tmp_path):
+    """A recording with more rows than the limit is refused, not read up to there."""
+    monkeypatch.setattr("antway.arena.environments.MAX_ROWS", 3)
+    (tmp_path / "t.csv").write_text("0,1,0,0\n1,1,1,0\n2,1,2,0\n")
+    assert len(read_tracks(str(tmp_path / "t.csv"))) == 3
+    (tmp_path / "t.csv").write_text("0,1,0,0\n1,1,1,0\n2,1,2,0\n3,1,3,0\n")
+    with pytest.raises(TooLarge, match="at most 3 rows"):
+        read_tracks(str(tmp_path / "t.csv"))
+
+
+def test_the_step_of_frames(tmp_path):
+    """It is the most frequent one; where people then walk at a tenth of their speed, a warning says so."""
+    rows = [f"{10 * k} 1 {0.5 * k} 0\n" for k in range(12)]
+    (tmp_path / "t.txt").write_text("".join([*rows, "3 2 0 0\n", "13 2 1 1\n", "14 2 2 2\n"]))
+    assert read_tracks(str(tmp_path / "t.txt"))[:12, 0] == pytest.approx(0.4 * np.arange(12))
+    (tmp_path / "t.txt").write_text("".join(f"{k} 1 {0.05 * k} 0\n" for k in range(100)))
+    with pytest.warns(UserWarning, match=r"0\.12 m/s"):
+        tracks(str(tmp_path / "t.txt"))
 
 
 def test_columns_of_a_recording_are_found_by_name(tmp_path):

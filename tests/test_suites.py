@@ -206,6 +206,42 @@ def test_tracks_start_from_every_side(tmp_path):
     assert len(sides) == 4
 
 
+def recording(path, *people):
+    """A recording of people who walk from x, y with vx, vy between two times, and its suite."""
+    rows = [(t, *who) for *who, since, until in people for t in np.arange(since, until, 0.4)]
+    path.write_text("".join(f"{t},{k},{x + vx * (t - rows[0][0])},{y + vy * t}\n" for t, k, x, y, vx, vy in rows))
+    return f"tracks:{path}"
+
+
+def test_crowds_and_narrow_or_large_places(monkeypatch, tmp_path):
+    """In crowds robots start nearer to people, or the file is refused; every episode can begin, and end in time."""
+    crowd = [(100 * i + j, 1.0 * i, 1.0 * j, 0.0, 0.0, 0.0, 3.0) for i in range(11) for j in range(11)]
+    spec = recording(tmp_path / "crowd.csv", *crowd)
+    monkeypatch.setattr("antway.arena.environments._DRAWS", 3)
+    scenario = build(episodes(spec, 1)[0])
+    assert 0.8 < min(math.dist(scenario.start, at) for at in scenario.world.timeline(0, 1.0).at(0.0)[0]) < 1.5
+    monkeypatch.setattr("antway.arena.environments._CLEAR", (9.0, 8.0))
+    with pytest.raises(BadScenario, match="8 m from everybody"):
+        build(episodes(spec, 2)[1])
+    monkeypatch.undo()
+    for far in (8.0, 100.0):
+        spec = recording(tmp_path / "line.csv", (1, 0.0, 0.0, 1.0, 0.0, 0.0, far))
+        scenarios = [build(episode) for episode in episodes(spec, 6)]  # all have room at both ends
+        assert all(s.horizon == max(60.0, 2.0 * math.dist(s.start, s.goal)) for s in scenarios)
+
+
+def test_a_number_that_comes_again_is_somebody_else(tmp_path):
+    """Nobody glides from where one person left to where another one with the same number enters later."""
+    spec = recording(tmp_path / "t.csv", (1, 0.0, 0.0, 1.0, 0.0, 0.0, 8.0), (1, 0.0, 3.0, 1.0, 0.0, 60.0, 68.0))
+    for episode in episodes(spec, 5):
+        timeline = build(episode).world.timeline(0, 60.0)
+        for t in range(0, 60, 7):
+            assert {round(y, 6) for _, y in timeline.at(float(t))[0].tolist()} <= {0.0, 3.0}
+    (tmp_path / "one.csv").write_text("0,1,0,0\n0,2,1,1\n")
+    with pytest.raises(BadScenario, match="the same id"):
+        load_suite(f"tracks:{tmp_path / 'one.csv'}")
+
+
 @pytest.mark.parametrize("text", ["", "1,2\n", "0,1,a,0\n1,1,0,0\n", "0,1,0,nan\n1,1,0,0\n", "0,1,0,0\n0,1,1,1\n", "\0\0"])
 def test_broken_tracks_are_refused(tmp_path, text):
     """A broken track file is a typed error that says what it must hold."""

@@ -34,6 +34,9 @@ MOST = 300  # limit of discs in an episode
 MAX_BYTES = 64 * 2**20  # limit of a track file
 MAX_ROWS = 2_000_000  # limit of rows read from a track file
 _COLUMNS = "t", "id", "x", "y"  # columns of a recording in CSV
+_GAP = 3.0  # s; who is unseen for longer, and for longer than 3 frames, counts as somebody else from then on
+_DRAWS = 30  # limit of starts that are drawn for an episode at each of these distances from people:
+_CLEAR = (1.5, 0.8)  # m; the second is for crowds
 
 
 def paper() -> Suite:
@@ -87,7 +90,8 @@ def tracks(file: str) -> Suite:
 
     `file` is an ETH/UCY `obsmat.txt` (columns frame, id, x, z, y and velocities; frames 0.4 s apart), the same with only frame,
     id, x and y, or CSV lines t,id,x,y (s, m). Each episode starts at a random time of the record. The start is near a random
-    side of the area, the goal near the opposite one, and nobody is within 1.5 m of the start at that time.
+    side of the area, the goal near the opposite one, and nobody is within 1.5 m of the start at that time, or 0.8 m in crowds,
+    where 30 draws find no such start. The horizon is 60 s, or 2 s for each metre between both ends where that is longer.
 
     People do not appear from nowhere: before their records start they walk in straight with the velocity of the first step, and
     after the end they walk on with the velocity of the last step. If a record starts during the episode within 1 m of the robot
@@ -102,11 +106,11 @@ def tracks(file: str) -> Suite:
     if shape.max() > 2000:
         raise TooLarge("tracks", tuple((high - low).tolist()), "a place of at most 400 m a side", where=file)
     grid = Grid(np.zeros((shape[1], shape[0]), np.bool_), cell, (float(low[0]), float(low[1]), 0.0))
-    walkers = [walker for walker in by_id(table).values() if len(walker) >= 2]
+    walkers = walks(table, file)
     last = float(table[:, 0].max())
 
     def make(group: str, chance: Chance) -> Scenario:
-        while True:
+        for clear in np.repeat(_CLEAR, _DRAWS):
             since = chance.between(0.0, max(last - 20.0, 0.0))
             # Each end is drawn as fractions of the area: how far along its side, and how far from it.
             (along, deep), (goal_along, goal_deep) = ((chance.between(0.15, 0.85), chance.between(0.04, 0.1)) for _ in range(2))
@@ -114,13 +118,18 @@ def tracks(file: str) -> Suite:
             ends = (along, deep), (goal_along, 1.0 - goal_deep)  # from the lower side to the upper one
             if side % 2:
                 ends = (deep, along), (1.0 - goal_deep, goal_along)  # from left to right
-            start, goal = map(tuple, (low + np.array(ends if side < 2 else ends[::-1]) * (high - low)).tolist())
-            present = [w for w in walkers if w[0, 0] < since + 60.0 and w[-1, 0] > since]
+            places = low + np.array(ends if side < 2 else ends[::-1]) * (high - low)
+            inset = ROBOT.radius + cell  # between an end and the edges of a narrow area
+            start, goal = map(tuple, np.clip(places, low + inset, high - inset).tolist())
+            horizon = max(60.0, 2.0 * math.dist(start, goal) / ROBOT.v_max)
+            present = [w for w in walkers if w[0, 0] < since + horizon and w[-1, 0] > since]
             people = tuple(Obstacle(0.3, _walk(w, since, float(np.hypot(*(high - low))))) for w in present)
             at = World(grid, people).timeline(0, 1.0).places(np.zeros(1))[0]
-            if all(math.dist(place, start) > 1.5 for place in at.tolist()):
-                break
-        return Scenario(World(grid, people), start, goal, robot=ROBOT, name=f"tracks {Path(file).name}")
+            if all(math.dist(place, start) > clear for place in at.tolist()):
+                return Scenario(
+                    World(grid, people), start, goal, robot=ROBOT, horizon=horizon, name=f"tracks {Path(file).name}"
+                )
+        raise BadScenario("tracks", file, f"a recording with starts that are {_CLEAR[-1]:g} m from everybody")
 
     return Suite(f"tracks:{_content(file)}", ("all",), make, default=50)
 
@@ -143,35 +152,66 @@ def read_tracks(file: str) -> NDArray[np.float64]:
         warnings.simplefilter("ignore", UserWarning)  # about files without lines, whose shape is refused below
         try:
             text = io.TextIOWrapper(data, encoding="utf-8-sig")
-            heading = text.readline(1000)
-            skip = comma and any(c.isalpha() for c in heading.replace("e", ""))
-            lines = text if skip else itertools.chain([heading], text)
-            named = [name.strip(" \"'\r\n").lower() for name in heading.split(",")]
+            # The heading may stand in a comment, as NumPy writes it; other comments say nothing.
+            heading = next((line for line in text if not line.startswith("#") or {*_COLUMNS} <= {*_names(line)}), "")
+            skip = comma and any(c.isalpha() for c in heading.lower().replace("e", ""))
+            lines, named = text if skip else itertools.chain([heading], text), _names(heading)
             missing = [name for name in _COLUMNS if name not in named]
             if skip and missing:
                 raise ValueError(f"a heading without {', '.join(missing)}")
             used = [named.index(name) for name in _COLUMNS] if skip else None
-            table = np.loadtxt(lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS, usecols=used)
+            table = np.loadtxt(lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS + 1, usecols=used)
         except ValueError as error:
             raise BadScenario("tracks", str(error), allowed, where=file) from None
+    if len(table) > MAX_ROWS:
+        raise TooLarge("tracks", f"{len(table)} rows or more", f"at most {MAX_ROWS} rows", where=file)
     y = {4: 3} if comma else {4: 3, 8: 4}  # the column of y, by the number of columns
     if table.ndim != 2 or len(table) < 2 or table.shape[1] not in y or not (np.abs(table) <= MAX_PLACE).all():
         raise BadScenario("tracks", table.shape, f"{allowed}; at least two lines of finite numbers, up to 1e10", where=file)
-    if not comma:
-        frames = np.unique(table[:, 0])
-        step = float(np.diff(frames).min()) if len(frames) > 1 else 1.0
-        table = np.column_stack((table[:, 0] * (0.4 / step), table[:, 1], table[:, 2], table[:, y[table.shape[1]]]))
-    table[:, 0] -= table[:, 0].min()
+    table = table[:, (0, 1, 2, y[table.shape[1]])]
     table = table[np.lexsort((table[:, 0], table[:, 1]))]
-    same = (np.diff(table[:, 0]) <= 0) & (np.diff(table[:, 1]) == 0)
-    if same.any():
-        raise BadScenario("tracks", table[int(np.argmax(same)), :2].tolist(), "of one place for each time and id", where=file)
+    steps, same = np.diff(table[:, 0]), np.diff(table[:, 1]) == 0
+    if (same & (steps <= 0)).any():
+        row = table[int(np.argmax(same & (steps <= 0)))]
+        raise BadScenario("tracks", row[:2].tolist(), "of one place for each time and id", where=file)
+    if not comma and same.any():
+        found, times = np.unique(steps[same], return_counts=True)
+        table[:, 0] *= 0.4 / found[np.argmax(times)]
+    table[:, 0] -= table[:, 0].min()
     return table
 
 
-def by_id(table: NDArray[np.float64]) -> dict[float, NDArray[np.float64]]:
-    """Return the rows t, x, y of each track of a table of `read_tracks` by its id."""
-    return {float(name): table[table[:, 1] == name][:, (0, 2, 3)] for name in np.unique(table[:, 1])}
+def _names(heading: str) -> list[str]:
+    """Return the names of the columns in a heading."""
+    return [name.strip(" \"'\r\n#").lower() for name in heading.split(",")]
+
+
+def walks(table: NDArray[np.float64], file: str) -> list[NDArray[np.float64]]:
+    """Return the rows t, x, y of each person in a table of `read_tracks` of a file.
+
+    A number that comes again after more than 3 s and 3 frames belongs to somebody else. Who was seen once is left out.
+
+    Raises
+    ------
+    BadScenario
+        If nobody was seen twice.
+
+    Warns
+    -----
+    UserWarning
+        If people walk so slowly or fast that the times are probably wrong.
+    """
+    steps, same = np.diff(table[:, 0]), np.diff(table[:, 1]) == 0
+    if not same.any():
+        raise BadScenario("tracks", len(table), "rows of which two or more have the same id", where=file)
+    ends = np.flatnonzero(~same | (steps > max(_GAP, 3.0 * float(np.median(steps[same])))))
+    found = [walk for walk in np.split(table[:, (0, 2, 3)], ends + 1) if len(walk) >= 2]
+    far = np.array([np.hypot(*(walk[-1] - walk[0])[1:]) for walk in found])
+    took = np.array([walk[-1, 0] - walk[0, 0] for walk in found])
+    speed = float(np.median((far / took)[far > 2.0])) if (far > 2.0).any() else 1.0
+    if not 0.4 < speed < 4.0:
+        warnings.warn(f"{file}: who walks does so at {speed:.2g} m/s (the median); are the times right?", stacklevel=3)
+    return found
 
 
 def _walk(rows: NDArray[np.float64], since: float, far: float) -> Replay:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.arena.environments import by_id, read_tracks
+from antway.arena.environments import read_tracks, walks
 from antway.errors import BadScenario
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking.averages import COLUMNS, POOL, averaged
@@ -59,21 +60,22 @@ def forecast(file: str, *, factor: float = 1.0) -> Forecast:
     BadParameter
         For a factor out of range.
     BadScenario
-        For a file that cannot be read, or without a track of PAST + 1 s.
+        For a file that cannot be read, or without a track of PAST + 1 s. What longer tracks would tell is NaN.
     """
     factor = checks.number("factor", factor, low=0.0, open_low=True)
-    walkers = by_id(read_tracks(file))
+    walkers = walks(read_tracks(file), file)
     now, rows, last = _estimates(walkers)
-    instants = np.union1d(np.arange(1, round(HORIZONS[-1] / STEP) + 1) * STEP, (*HORIZONS, *TIMES))
+    counted = np.arange(1, round(HORIZONS[-1] / STEP) + 1) * STEP  # of which one may differ from a horizon by rounding
+    instants = np.unique(np.round([*counted, *HORIZONS, *TIMES], 9))
     truth = np.full((len(now), len(instants), 2), np.nan)
-    for name, walk in walkers.items():
+    for name, walk in enumerate(walkers):
         mine = rows[:, NAME] == name
         for i, later in enumerate(instants):
             t = now[mine] + later
             inside = t <= walk[-1, 0] + 1e-9
             place = np.column_stack([np.interp(t, walk[:, 0], walk[:, k]) for k in (1, 2)])
             truth[mine, i] = np.where(inside[:, None], place, np.nan)
-    if not np.isfinite(truth[:, 0]).any():
+    if not np.isfinite(truth[:, np.argmin(np.abs(instants - HORIZONS[0]))]).any():
         raise BadScenario("tracks", len(now), f"at least one track of {PAST + 1.0:g} s", where=file)
     own, constant = (
         np.hypot(*np.moveaxis(rows[:, None, (X, Y)] + v[:, None] * instants[None, :, None] - truth, -1, 0))
@@ -84,14 +86,14 @@ def forecast(file: str, *, factor: float = 1.0) -> Forecast:
         i = int(np.argmin(np.abs(instants - horizon)))
         whole = np.isfinite(own[:, i])
         upto = (instants <= horizon + 1e-9) & (np.abs(instants / STEP - np.round(instants / STEP)) < 1e-9)
-        ade.append((horizon, float(own[whole][:, upto].mean()), float(constant[whole][:, upto].mean())))
-        fde.append((horizon, float(own[whole, i].mean()), float(constant[whole, i].mean())))
+        ade.append((horizon, _mean(own[whole][:, upto]), _mean(constant[whole][:, upto])))
+        fde.append((horizon, _mean(own[whole, i]), _mean(constant[whole, i])))
     for chance in CHANCES:
         for time in TIMES:
             i = int(np.argmin(np.abs(instants - time)))
             whole = np.isfinite(own[:, i])
             radius = np.array([tube_radius(people_variance(s, time), chance, PEOPLE_DOF) for s in rows[whole, SIGMA_V]])
-            outside.append((chance, time, float(left_tubes(now[whole], own[whole, i], radius, time, chance, factor).mean())))
+            outside.append((chance, time, _mean(left_tubes(now[whole], own[whole, i], radius, time, chance, factor))))
     return Forecast(len(now), ade, fde, outside)
 
 
@@ -134,24 +136,33 @@ def markdown(found: Forecast) -> str:
     """Return the numbers of a forecast as tables in Markdown."""
     lines = ["| horizon | ADE, m | of constant velocity | FDE, m | of constant velocity |", "|---|---|---|---|---|"]
     for (horizon, *ade), (_, *fde) in zip(found.ade, found.fde, strict=True):
-        lines.append(f"| {horizon:g} s | " + " | ".join(f"{value:.3f}" for value in (*ade, *fde)) + " |")
+        lines.append(f"| {horizon:g} s | " + " | ".join(_shown(value, ".3f") for value in (*ade, *fde)) + " |")
     lines += [
         "",
         "| tube for | " + " | ".join(f"outside at {time:g} s" for time in TIMES) + " |",
         "|---|" + "---|" * len(TIMES),
     ]
     for chance in CHANCES:
-        shares = (f"{100 * share:.1f} %" for c, _, share in found.outside if c == chance)
+        shares = (_shown(share, ".1%").replace("%", " %") for c, _, share in found.outside if c == chance)
         lines.append(f"| chance {chance:g} | " + " | ".join(shares) + " |")
     return "\n".join(lines)
 
 
+def _mean(values: NDArray[np.generic]) -> float:
+    """Return the mean; that of no values is NaN."""
+    return float(values.mean()) if values.size else math.nan
+
+
+def _shown(value: float, form: str) -> str:
+    """Return a number in this format, or a dash for NaN."""
+    return "-" if math.isnan(value) else format(value, form)
+
+
 def _estimates(
-    walkers: dict[float, NDArray[np.float64]],
+    walkers: list[NDArray[np.float64]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Replay recorded tracks; return the time, the track estimate and the last velocity for each prediction."""
-    steps = [_steps(name, walker) for name, walker in walkers.items() if len(walker) > 1]
-    table = np.vstack(steps)
+    table = np.vstack([_steps(name, walker) for name, walker in enumerate(walkers)])
     table = table[np.argsort(table[:, 0], kind="stable")]
     memory, count, pool = np.zeros((4096, COLUMNS)), 0, np.zeros(POOL)
     times, rows, last = [], [], []
