@@ -203,6 +203,23 @@ def test_a_window_may_close_at_the_arrival_and_just_before() -> None:
         assert late.lateness == pytest.approx(0.05) and late.cost == pytest.approx(free.cost)
 
 
+def test_service_of_a_chosen_stop_is_no_cost() -> None:
+    """Only one of two stops can be visited in time, and the near one takes 21 s."""
+    matrix = np.abs(np.subtract.outer([0.0, -25.0, 5.0], [0.0, -25.0, 5.0]))
+    answer = order_stops(matrix, service=[0, 0, 21], priorities=[0, 1, 1], deadline=29, cycles=2)
+    assert answer.orders[0].tolist() == [0, 2] and answer.cost == 5.0
+    matrix[0, 2] = matrix[2, 1] = 1.0  # a way through a stop without value saves time though that takes service
+    answer = order_stops(matrix, service=[0, 0, 40], priorities=[0, 1, 0], cycles=2)
+    assert answer.orders[0].tolist() == [0, 2, 1] and answer.cost == 2.0
+
+
+def test_a_deadline_may_be_the_end() -> None:
+    """0.1 + 0.1 + 0.1 is more than 0.3 by rounding alone."""
+    matrix = 0.1 * np.abs(np.subtract.outer(np.arange(4.0), np.arange(4.0)))
+    answer = order_stops(matrix, priorities=np.ones(4), deadline=0.3, cycles=2)
+    assert answer.collected == 4.0 and answer.feasible
+
+
 def test_spends_no_more_than_it_may() -> None:
     rng = np.random.default_rng(9)
     xy = rng.random((60, 2)) * 100

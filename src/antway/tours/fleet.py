@@ -98,7 +98,7 @@ def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floa
     n = len(rows)
     finite = spans[np.isfinite(spans)]
     horizon = float(opens.max() + np.where(np.isfinite(spans), spans, 0.0).max(axis=1).sum()) + 1.0
-    closes = np.minimum(closes, horizon)
+    closes = np.minimum(closes, horizon) + 8 * n * np.spacing(horizon)  # more than the rounding errors of sums
     inner = np.minimum(spans[1:-1, 1:-1], spans[1:-1, 1:-1].T)
     np.fill_diagonal(inner, np.inf)
     near = np.pad(1 + np.argsort(inner, axis=1, kind="stable")[:, : n - 3].astype(np.int32), ((1, 1), (0, 0)))
@@ -106,13 +106,16 @@ def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floa
     closest = closest[np.isfinite(closest)]
     step = float(closest.mean() if closest.size and closest.any() else finite.mean()) or 1.0
     worth, price = np.zeros(n), np.zeros(n)
+    last = 1.0 if stops.objective == "makespan" else 0.0
+    total = 1e-4 if last else 0.1 if stops.priorities is not None else 1.0
     if stops.priorities is None:
         worth[1:-1], price[1:-1] = 1.0, horizon
     else:
         worth[1:-1] = stops.priorities[rows[1:-1]]
         price[1:-1] = worth[1:-1] / (float(worth[1:-1].mean()) or 1.0) * _PRICE * step
-    last = 1.0 if stops.objective == "makespan" else 0.0
-    total = 1e-4 if last else 0.1 if stops.priorities is not None else 1.0
+        if not last:
+            # Times include service. Leaving out a stop costs as much, so that only the travel time decides.
+            price[1:-1] += total * stops.service[rows[1:-1]]
     return kernel.Fleet(spans, opens, closes, price, worth, near, last, total), step
 
 

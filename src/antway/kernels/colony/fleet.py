@@ -116,7 +116,7 @@ def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
             if then > r.latest[k, p]:
                 continue
             detour = fleet.time[before, stop] + fleet.time[stop, after] - fleet.time[before, after]
-            if fleet.worth[stop] == 0.0 and detour >= -1e-9:
+            if fleet.worth[stop] == 0.0 and detour >= fleet.price[stop] / fleet.sum_weight - 1e-9:
                 continue  # a stop that is worth nothing is visited only where that saves time
             cost = fleet.sum_weight * detour
             if fleet.last_weight > 0.0:
