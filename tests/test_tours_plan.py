@@ -295,7 +295,9 @@ def test_a_file_of_stops_is_read(tmp_path) -> None:
     assert read.names == ("lab", "stop 1")
     assert read.windows == ((10.0, 20.0), (0.0, math.inf))
     assert read.service == (3.0, 0.0)
-    assert read.priorities == (5.0, 0.0)
+    assert read.priorities == (5.0, 1.0)
+    file.write_text("x,y,priority\n1,2,\n3,4,\n", encoding="utf-8")
+    assert load_stops(file).priorities is None
     file.write_text("1,2\n3,4\n", encoding="utf-8")
     assert load_stops(file).stops == ((1.0, 2.0), (3.0, 4.0))
 
@@ -344,6 +346,10 @@ def test_the_command_plans_draws_and_prints(tmp_path, capsys) -> None:
     assert head == ["", "start", "lab", "end"] and [line[0] for line in lines] == head[1:]
     cells = [HALL.cell_at(place) for place in ((0.5, 0.5), (4.5, 1.5), (4.5, 2.5))]
     assert np.array([list(map(float, line[1:])) for line in lines]).tolist() == stop_distances(HALL, cells).tolist()
+    with pytest.raises(BadInput, match="seconds = inf"):
+        app([*told, "--seconds", "inf"], standalone_mode=False)
+    stops.write_text("x,y,priority\n4.5,1.5,0\n", encoding="utf-8")
+    assert not app(told, standalone_mode=False) and "every stop is left out" in capsys.readouterr().err
     with pytest.raises(Refused, match=r"\.csv"):
         app([*told, "--distances", str(tmp_path / "d.png")], standalone_mode=False)
 

@@ -71,7 +71,7 @@ def tour_command(
     from antway.tours.stopfile import load_stops, save_distances
 
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
-    aim = _objective(objective)
+    aim, seconds = _objective(objective), checks.number("seconds", seconds, low=0.0, unit="s")
     last = end if end in (None, "start") else pair("end", end, float, also=", or start")
     listed = load_stops(stops)
     with working("planning"):
@@ -91,6 +91,8 @@ def tour_command(
             **listed.arguments(),
         )
         check_tour(tour)
+    if len(tour.skipped) == len(listed.stops):
+        say("warning: every stop is left out, because its priority is 0 or the deadline is too near")
     if out is not None:
         from antway.view import tours
         from antway.view.style import save

@@ -37,7 +37,7 @@ class StopFile:
     service : tuple of float
         s.
     priorities : tuple of float or None
-        None without such a column.
+        None if no stop has one.
     """
 
     stops: tuple[tuple[float, float], ...]
@@ -55,8 +55,8 @@ def load_stops(path: str | PathLike[str]) -> StopFile:
     """Read a file of stops: a heading and one stop in each line.
 
     The columns are x and y (m) and, optionally, name, earliest and latest (the window for the start of service, s), service (s)
-    and priority, in any order. Entries may be empty. Without a heading the columns are x and y. Lines that start with # are
-    comments.
+    and priority, in any order. Entries may be empty; an empty priority is 1 if another stop has one. Without a heading the
+    columns are x and y. Lines that start with # are comments.
 
     Raises
     ------
@@ -89,12 +89,13 @@ def load_stops(path: str | PathLike[str]) -> StopFile:
     if len(rows) > MAX_STOPS - 2:
         raise TooLarge("stops", len(rows), f"at most {MAX_STOPS - 2} stops", where=str(file))
     stops = [_stop(columns or ["x", "y"], row, f"{file}:{number}") for number, row in rows]
+    priorities = [one["priority"] for one in stops]
     return StopFile(
         tuple((one["x"], one["y"]) for one in stops),
         tuple(one["name"] or f"stop {i}" for i, one in enumerate(stops)),
         tuple((one["earliest"], one["latest"]) for one in stops),
         tuple(one["service"] for one in stops),
-        tuple(one["priority"] for one in stops) if "priority" in columns else None,
+        tuple(1.0 if one is None else one for one in priorities) if priorities != [None] * len(stops) else None,
     )
 
 
@@ -119,7 +120,7 @@ def _columns(heading: list[str], where: str) -> list[str]:
 def _stop(columns: list[str], row: list[str], where: str) -> dict[str, Any]:
     if len(row) != len(columns):
         raise BadMap("entries", len(row), f"{len(columns)}: {', '.join(columns)}", where=where)
-    defaults: dict[str, Any] = {"name": "", "earliest": 0.0, "latest": math.inf, "service": 0.0, "priority": 0.0}
+    defaults: dict[str, Any] = {"name": "", "earliest": 0.0, "latest": math.inf, "service": 0.0, "priority": None}
     for name, text in zip(columns, row):
         if name == "name":
             defaults[name] = text
