@@ -145,6 +145,12 @@ def test_recordings_are_not_cut_short(monkeypatch, tmp_path):
         read_tracks(str(tmp_path / "t.csv"))
 
 
+def test_far_places_of_a_recording_begin_at_0(tmp_path):
+    """UTM coordinates are too far away for an episode."""
+    (tmp_path / "t.csv").write_text("0,1,512345,5412345.5\n1,1,512346,5412345\n")
+    assert read_tracks(str(tmp_path / "t.csv"))[:, 2:].tolist() == [[0.0, 0.5], [1.0, 0.0]]
+
+
 def test_the_step_of_frames(tmp_path):
     """It is the most frequent one; where people then walk at a tenth of their speed, a warning says so."""
     rows = [f"{10 * k} 1 {0.5 * k} 0\n" for k in range(12)]

@@ -49,6 +49,10 @@ def test_a_levelled_map_has_its_cells_where_they_were():
         assert flat.origin[2] == 0.0
         np.testing.assert_allclose(frames.move(frame, flat.to_xy(cells)), grid.to_xy(cells), atol=1e-12)
     assert frames.level(flat)[0] is flat
+    for yaw in (0.0, 0.3):  # UTM coordinates are too far away for an episode
+        far = replace(flat, origin=(512345.0, 5412345.0, yaw))
+        near, frame = frames.level(far)
+        assert max(map(abs, near.origin)) < 1e5 and frames.chain(frame, near.origin) == pytest.approx(far.origin, abs=1e-8)
 
 
 # Laser scans

@@ -166,6 +166,13 @@ def test_mutated_files_end_in_the_typed_error(hall: Path) -> None:
             assert str(error)
 
 
+def test_maps_far_from_the_origin_are_refused() -> None:
+    """Floats are too coarse there: robots stood at walls in UTM coordinates."""
+    for x, y in ((5e5, 5.4e6), (0.0, -2e6)):
+        with pytest.raises(BadParameter, match="subtract the map's origin"):
+            Scenario(World(Grid(np.zeros((40, 40), bool), 0.1, (x, y, 0.0))), (x + 1.0, y + 1.0), (x + 3.0, y + 3.0))
+
+
 def test_scenarios_in_python_are_checked() -> None:
     """Ends in walls and wrong parts raise the typed error."""
     blocked = np.zeros((10, 10), dtype=bool)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from antway.arena.suites import Chance, Suite
 from antway.errors import BadMap, BadScenario, TooLarge
 from antway.grid import Cell, Grid
-from antway.limits import MAX_PLACE
+from antway.limits import MAX_ORIGIN, MAX_PLACE
 from antway.maps import load_map
 from antway.reading import is_file, opened
 from antway.scenes import SCENES, scene
@@ -135,7 +135,7 @@ def tracks(file: str) -> Suite:
 
 
 def read_tracks(file: str) -> NDArray[np.float64]:
-    """Return a track file as rows t (s, from 0), id, x, y (m), float64[N, 4], by id and then time.
+    """Return a track file as rows t (s, from 0), id, x, y (m), float64[N, 4], by id and then time; far places begin at 0.
 
     Raises
     ------
@@ -178,6 +178,8 @@ def read_tracks(file: str) -> NDArray[np.float64]:
         found, times = np.unique(steps[same], return_counts=True)
         table[:, 0] *= 0.4 / found[np.argmax(times)]
     table[:, 0] -= table[:, 0].min()
+    if np.abs(table[:, 2:]).max() > MAX_ORIGIN / 2:  # such as UTM coordinates, which are too far from 0 for an episode
+        table[:, 2:] -= table[:, 2:].min(axis=0)
     return table
 
 

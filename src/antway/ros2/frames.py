@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
+from antway.limits import MAX_ORIGIN
 from antway.planning import TimedPath
 from antway.world.policy import XY, Decision, Tracks
 
@@ -122,6 +123,8 @@ def move_decision(a: Pose, decision: Decision) -> Decision:
 def level(grid: Grid) -> tuple[Grid, Pose]:
     """Return `grid` in a frame in which its yaw is 0, and the pose of that frame in the map's (a turn about its origin).
 
+    Where the map is too far away for an episode, the frame is near it, and stays there while the map grows.
+
     Examples
     --------
     >>> grid, frame = level(Grid(np.zeros((2, 3), bool), 1.0, (4.0, 5.0, math.pi / 2)))
@@ -129,6 +132,8 @@ def level(grid: Grid) -> tuple[Grid, Pose]:
     (0.0, True)
     """
     x, y, yaw = grid.origin
-    if yaw == 0.0:
+    far = max(abs(x), abs(y)) > MAX_ORIGIN
+    if yaw == 0.0 and not far:
         return grid, HERE
-    return replace(grid, origin=(*turn(-yaw, (x, y)), 0.0)), (0.0, 0.0, yaw)
+    at = (round(x, -5), round(y, -5)) if far else (0.0, 0.0)
+    return replace(grid, origin=(*turn(-yaw, (x - at[0], y - at[1])), 0.0)), (*at, yaw)

@@ -16,7 +16,7 @@ from antway.errors import BadParameter, OutOfBounds
 from antway.grid import Grid
 from antway.kernels.base.records import RobotState
 from antway.kernels.robot.motion import delayed
-from antway.limits import MAX_PLACE, MAX_SPEED, MAX_STAY
+from antway.limits import MAX_ORIGIN, MAX_PLACE, MAX_SPEED, MAX_STAY
 from antway.planning import TimedPath, find
 from antway.tables import POLICIES as POLICIES
 from antway.world.options import check_options, take_options
@@ -34,7 +34,7 @@ class Task:
     Attributes
     ----------
     grid : Grid
-        The static map, not inflated; yaw must be 0.
+        The static map, not inflated; yaw must be 0, and the origin within 1e6 m of 0, as floats are too coarse farther away.
     robot : RobotSpec
     start, goal : (x, y)
         m; the robot's disc must be free of the map's blocked cells at both.
@@ -78,6 +78,9 @@ class Task:
         checks.instance("robot", self.robot, RobotSpec)
         if self.grid.origin[2] != 0.0:
             raise BadParameter("grid.origin[2]", self.grid.origin[2], "0 in an episode (yaw): Grid.turned() turns the map")
+        if max(map(abs, self.grid.origin[:2])) > MAX_ORIGIN:
+            allowed = f"within {MAX_ORIGIN:g} m of 0 in an episode: subtract the map's origin from all places"
+            raise BadParameter("grid.origin", self.grid.origin, allowed)
         for name in ("start", "goal"):
             object.__setattr__(self, name, checks.point(name, getattr(self, name)))
             try:
