@@ -7,8 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from antway.ants.tsplib import MAX_MATRIX
 from antway.kernels.colony import held_karp
 from antway.tours.ordering import order_stops
+from antway.tours.stops import MAX_STOPS
 from common import cases
 from naive import held_karp as naive
 
@@ -73,6 +75,15 @@ def test_the_order_may_start_anywhere() -> None:
             order = found.orders[0].tolist()
             assert order[0] == 3 and set(order) == set(range(n))
             assert end is None or order[-1] == (3 if end == "start" else end)
+
+
+@pytest.mark.parametrize("end", [None, 3])
+def test_limits_hold_for_open_tours(end: int | None) -> None:
+    """Ants see one more node than stops, and twice the largest distance."""
+    assert MAX_STOPS < MAX_MATRIX
+    far = plane(np.random.default_rng(3), 14)
+    far = far / far.max() * 1e9
+    assert order_stops(far, end=end, cycles=2).feasible
 
 
 def test_the_same_seed_gives_the_same_order() -> None:
