@@ -263,6 +263,21 @@ def test_a_closed_output_is_no_error() -> None:
     assert (done.stdout, done.stderr) == ("2\n", "")
 
 
+def test_an_output_that_takes_nothing_has_its_status() -> None:
+    """A reader that has ended is status 141, as for other programs in a pipe; a full disk is named as what it is."""
+    for unbuffered in ("", "1"):
+        reader, writer = os.pipe()
+        os.close(reader)
+        environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
+        command = [sys.executable, "-m", "antway", "--version"]
+        done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, env=environment, check=False)
+        os.close(writer)
+        assert (done.returncode, done.stderr) == (141, b"")
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, check=False)
+    assert (done.returncode, done.stderr) == (2, b"error: stdout cannot be written: No space left on device\n")
+
+
 def test_a_warning_is_one_line(antway: Any) -> None:
     """The grey trap of ROS maps is said in one line on stderr, and the plan is made all the same."""
     depot = SHARED / "ros_maps" / "nav2_depot" / "depot.yaml"

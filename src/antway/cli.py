@@ -1,8 +1,8 @@
 """The command line. A command imports what it needs when it runs, so that `--help` stays quick.
 
-Exit status: 0 done, 1 interrupted output, a policy that raised, or a fault of antway's own, 2 wrong input, 3 no path, 4 out
-of budget or time, 5 contact in a run, 130 interrupted. Answers go to stdout (with --json nothing else does), progress and
-messages to stderr.
+Exit status: 0 done, 1 a policy that raised, or a fault of antway's own, 2 wrong input, 3 no path, 4 out of budget or time, or a
+tour that is late, 5 contact in a run, 130 interrupted, 141 output that nobody reads. Answers go to stdout (with --json nothing
+else does), progress and messages to stderr.
 """
 
 from __future__ import annotations
@@ -78,7 +78,8 @@ PolicyName = Annotated[
 def top(context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
     """Plan paths for robots, and drive them among moving obstacles.
 
-    Exit status: 0 done, 1 a policy raised an error, 2 wrong input, 3 no path, 4 out of time, 5 contact, 130 interrupted.
+    Exit status: 0 done, 1 a policy raised an error, 2 wrong input, 3 no path, 4 time ran out, or a tour is late, 5 contact, 130
+    interrupted, 141 nobody reads the output.
     """
     if version:
         from antway.version import __version__
@@ -159,7 +160,7 @@ def plan_command(
     elif len(path.cells):
         kind = "at any angle" if path.points is not None else MOVES[moves]
         proof = f"the shortest {kind}" if path.optimal else f"at most {100 * path.gap:.1f} % over the shortest {kind}"
-        print(f"{path.length:.3f} m, {proof}; {len(path.cells)} cells, {path.expanded} nodes expanded")
+        print(f"{path.length:.3f} m, {proof}; {len(path.cells)} cell{'' if len(path.cells) == 1 else 's'}")
     else:
         print("no path" if path.status is Status.NO_PATH else "no path found within the time limit")
     if out is not None and not json:
@@ -209,6 +210,8 @@ def run_command(
     json: Json = False,
 ) -> int:
     """Drive a robot through a scenario.
+
+    Column "longer than shortest": the way driven, plus what is left to the goal's centre, against the shortest path on the map.
 
     Exit status: 5 on a contact, 4 if time ran out, 1 if the policy raised an error.
     """

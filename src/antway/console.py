@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import sys
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from antway.tours.plan import TourPlan
 
 
-FAULT, WRONG_INPUT, NO_PATH, OUT_OF_BUDGET, CONTACT, INTERRUPTED = 1, 2, 3, 4, 5, 130  # exit statuses
+FAULT, WRONG_INPUT, NO_PATH, OUT_OF_BUDGET, CONTACT, INTERRUPTED, UNREAD = 1, 2, 3, 4, 5, 130, 141  # exit statuses
 
 
 def status_of(outcomes: Iterable[str]) -> int:
@@ -238,7 +239,7 @@ def _print_cells(title: str, heads: Sequence[str], left: str, rows: Iterable[Seq
 
 def print_table(summaries: list[tuple[str, dict[str, Any]]]) -> None:
     """Print the summaries of episodes as a table."""
-    heads = ["scene", "policy", "outcome", "time", "driven", "shortest\nstatic\npath", "more, rest\nto goal\nadded"]
+    heads = ["scene", "policy", "outcome", "time", "driven", "shortest\nstatic\npath", "longer\nthan\nshortest"]
     heads += ["waits", "replans", "smallest\nclearance", "cycle ms\np50 / p99"]
     rows: list[Sequence[Cell]] = [
         (
@@ -382,11 +383,14 @@ def exit_with(app: Callable[..., Any]) -> None:
         if status == INTERRUPTED:
             raise KeyboardInterrupt
         sys.stdout.flush()
-    except BrokenPipeError:
+    except (BrokenPipeError, SystemExit) as error:
+        if BrokenPipeError not in (type(error), type(error.__context__)):  # Typer exits after one by itself
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads what is still to be written
-        status = FAULT
+        status = UNREAD
     except (BadInput, Refused, OSError) as error:
-        say(f"error: {error}")
+        unnamed = isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None
+        say(f"error: {f'stdout cannot be written: {os.strerror(errno.ENOSPC)}' if unnamed else error}")
         status = WRONG_INPUT
     except usage_error as error:
         say(f"error: {' '.join(error.format_message().split())}")
