@@ -15,7 +15,7 @@ antway.save_map(antway.Grid(walls, resolution=0.1), folder / "hall.yaml")  # and
 
 grid = antway.load_map(folder / "hall.yaml")
 plan = antway.plan(grid, (1.0, 0.5), (7.0, 5.5), robot_radius=0.25)
-print(f"{plan.status.value}: {plan.length:.2f} m, the shortest: {plan.optimal}, {plan.expanded} nodes expanded")
+print(f"{plan.status.value}: {plan.length:.2f} m, the shortest: {plan.optimal}")
 
 inflated = grid.inflate(0.25)  # the same by hand: only cells where the robot fits are free
 problem = antway.Problem(inflated, inflated.cell_at((1.0, 0.5)), inflated.cell_at((7.0, 5.5)))

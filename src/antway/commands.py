@@ -155,8 +155,10 @@ def tsptw_command(
             }
         )
     else:
-        known = "no order is better" if result.proven and result.feasible else f"no order costs less than {result.bound:,.6g}"
-        print(f"{kind} {result.cost:,.6g}, {known}; {result.cycles:,} cycles in {result.elapsed:.2f} s")
+        known = ""
+        if result.feasible:
+            known = ", no order is better" if result.proven else f", no order costs less than {result.bound:,.6g}"
+        print(f"{kind} {result.cost:,.6g}{known}; {result.cycles:,} cycles in {result.elapsed:.2f} s")
         print("order " + " ".join(map(str, result.order.tolist())))
         if not result.feasible:
             print(f"late by {result.lateness:,.6g} in sum" + ("; no order is in time" if result.proven else ""))

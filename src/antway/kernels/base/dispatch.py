@@ -48,7 +48,9 @@ class _Watch(event.Listener):
         if not self.announced:
             self.announced = True
             if multiprocessing.parent_process() is None and not os.environ.get("ANTWAY_QUIET"):
-                _log.warning("antway: compiling the kernels; this happens once and is kept on disk (see antway warmup) ...")
+                _log.warning(
+                    "antway: compiling kernels that are needed for the first time (antway warmup compiles all at once) ..."
+                )
 
     def on_end(self, event: object) -> None:
         self.depth -= 1
