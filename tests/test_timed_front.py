@@ -156,6 +156,18 @@ def test_wrong_input_and_no_path() -> None:
     assert still.values.tolist() == [[0.0, 0.0, 1.0]] and len(still.paths[0].t) == 1
 
 
+def test_who_is_there_already_has_the_gap_of_that_place() -> None:
+    """A disc that stands on the robot, or beside it, counts without a move, too; what comes later does not."""
+    problem = Problem(Grid(np.zeros((3, 3), dtype=bool)), (1, 1), (1, 1))
+    for front in (exact_front, timed_front):
+        for x, values in ((1.6, []), (2.48, [[0.0, 0.0, 0.15]]), (9.0, [[0.0, 0.0, 1.0]])):
+            disc = Timeline.of([1], [0.5], [([0.0, 0.5], [(x, 1.5), (1.5, 1.5)])])
+            for horizon in (0.1, 5.0):
+                found = front(problem, disc, radius=0.3, horizon=horizon)
+                assert found.status is (Status.FOUND if values else Status.NO_PATH)
+                assert found.values.round(9).tolist() == values
+
+
 def test_the_command_prints_and_draws_the_front(tmp_path, capsys: pytest.CaptureFixture) -> None:
     """`antway plan --pareto` gives the front as a table, as JSON and as a picture."""
     (tmp_path / "hall.txt").write_text("........\n" * 6)

@@ -119,35 +119,42 @@ class _Graph:
             self.moves[cell] = out
         ends = np.array(steps, np.int64).reshape(-1, 2)
         self.centres = centres = grid.to_xy(np.column_stack(np.divmod(np.arange(rows * cols), cols)))
-        self.gap = np.full((self.periods, len(ends)), most)
+        self.radius = radius
+        self.discs: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []  # knot_t, knot_xy, radius
         if obstacles is not None:
-            self._approach(centres[ends[:, 0]], centres[ends[:, 1]], checked_trajectories(obstacles), radius)
-        self.gap = np.floor(np.minimum(self.gap, most) / LEVEL + 1e-6) * LEVEL
+            knot_t, knot_xy, first, radii = checked_trajectories(obstacles)
+            knots = [slice(low, high) for low, high in pairwise(first.tolist())]
+            self.discs = [(knot_t[own], knot_xy[own], r) for own, r in zip(knots, radii.tolist())]
+        self.gap = np.empty((self.periods, len(ends)))
+        for n in range(self.periods):
+            self.gap[n] = self._gaps(centres[ends[:, 0]], centres[ends[:, 1]], n * self.period, (n + 1) * self.period)
         self.start = problem.start[0] * cols + problem.start[1]
         self.goal = problem.goal[0] * cols + problem.goal[1]
+        self.clearance = most  # of a path without moves; the first move has the gap at its beginning in its own
+        if self.start == self.goal:
+            here = centres[[self.start]]
+            self.clearance = float(self._gaps(here, here, 0.0, 0.0)[0])
         self.field = distance_field(grid, problem.goal, moves).ravel()
         back = scipy.sparse.csr_array((np.ones(len(ends)), (ends[:, 1], ends[:, 0])), shape=(rows * cols, rows * cols))
         # The least number of moves, and so of periods, from each cell to the goal without obstacles.
         self.least = scipy.sparse.csgraph.dijkstra(back, indices=[self.goal], unweighted=True)[0]
 
-    def _approach(self, a: NDArray[np.float64], b: NDArray[np.float64], obstacles: Trajectories, radius: float) -> None:
-        """Compute the smallest gap of each move in each period, with the exact knots of the obstacles."""
-        for k in range(len(obstacles.radius)):
-            own = slice(int(obstacles.first[k]), int(obstacles.first[k + 1]))
-            knot_t, knot_xy = np.asarray(obstacles.knot_t[own]), np.asarray(obstacles.knot_xy[own])
-            for n in range(self.periods):
-                t0, t1 = n * self.period, (n + 1) * self.period
-                inside = knot_t[(knot_t > t0) & (knot_t < t1)]
-                times = np.concatenate(([t0], inside, [t1]))
-                places = np.column_stack([np.interp(times, knot_t, knot_xy[:, axis]) for axis in (0, 1)])
-                for i in range(len(times) - 1):
-                    s0, s1 = (times[i] - t0) / self.period, (times[i + 1] - t0) / self.period
-                    p = a + (b - a) * s0 - places[i]
-                    d = a + (b - a) * s1 - places[i + 1] - p
-                    dd = (d * d).sum(axis=1)
-                    share = np.clip(-(p * d).sum(axis=1) / np.where(dd > 0.0, dd, 1.0), 0.0, 1.0)
-                    near = np.hypot(*(p + d * share[:, None]).T) - radius - float(obstacles.radius[k])
-                    self.gap[n] = np.minimum(self.gap[n], np.where(near < -_SAME, -math.inf, np.maximum(near, 0.0)))
+    def _gaps(self, a: NDArray[np.float64], b: NDArray[np.float64], t0: float, t1: float) -> NDArray[np.float64]:
+        """Return the smallest gap of each move from a to b from t0 to t1, with the exact knots of the obstacles; rounded, m."""
+        gap = np.full(len(a), self.most)
+        for knot_t, knot_xy, r in self.discs:
+            times = np.concatenate(([t0], knot_t[(knot_t > t0) & (knot_t < t1)], [t1]))
+            places = np.column_stack([np.interp(times, knot_t, knot_xy[:, axis]) for axis in (0, 1)])
+            for i in range(len(times) - 1):
+                s0, s1 = (times[i] - t0) / self.period, (times[i + 1] - t0) / self.period
+                p = a + (b - a) * s0 - places[i]
+                d = a + (b - a) * s1 - places[i + 1] - p
+                dd = (d * d).sum(axis=1)
+                share = np.clip(-(p * d).sum(axis=1) / np.where(dd > 0.0, dd, 1.0), 0.0, 1.0)
+                near = np.hypot(*(p + d * share[:, None]).T) - self.radius - r
+                gap = np.minimum(gap, np.where(near < -_SAME, -math.inf, np.maximum(near, 0.0)))
+        rounded: NDArray[np.float64] = np.floor(gap / LEVEL + 1e-6) * LEVEL
+        return rounded
 
     def extended(self, label: Label, index: int) -> Iterator[tuple[int, Label]]:
         """Yield (move, label) for each extension of a label from which the goal can still be reached in time."""
@@ -166,9 +173,9 @@ class _Known:
 
     def __init__(self, net: _Graph) -> None:
         self.net = net
-        self.labels: list[Label] = [Label(net.start, 0.0, net.most, -1, 0)]
+        self.labels: list[Label] = [Label(net.start, 0.0, net.clearance, -1, 0)]
         self.at: dict[tuple[int, int], list[int]] = {(net.start, 0): [0]}
-        self.front: list[int] = [0] if net.start == net.goal else []
+        self.front: list[int] = [0] if net.start == net.goal and net.clearance >= 0.0 else []
 
     def hopeless(self, label: Label) -> bool:
         """Tell whether a known path dominates or equals even the shortest completion of a label without obstacles."""
