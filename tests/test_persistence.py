@@ -60,6 +60,14 @@ def test_adaptive_persistence_is_a_share():
                 assert 0.1 <= kernel.persistence(persistence_rule, tau, tau_min, t, 0.0) <= 0.9
 
 
+def test_printed_persistence_takes_nothing_from_the_best_tour_of_acs():
+    """Where more than all persists there is nothing to deposit: a negative amount would make pheromone negative."""
+    colony = Colony(Tsp(PLACES), make_rule("acs", persistence=Printed()), candidates=11)
+    before = colony.pheromone.min()
+    colony.run(20, np.empty((20, 2)))
+    assert colony.pheromone.min() >= before and np.isfinite(colony.pheromone).all()
+
+
 def test_printed_persistence_diverges():
     """The formula as printed has rho > 1 on every edge: pheromone only grows and leaves the finite numbers."""
     colony = Colony(Tsp(PLACES), AntSystem(ants=3, persistence=Printed()), candidates=11)

@@ -1,8 +1,8 @@
 """The classical colonies. A rule says how ants choose and how much they deposit; one loop runs all of them.
 
 Dorigo, Stuetzle: Ant Colony Optimization, MIT Press 2004, chapter 3; the defaults are those of its table 3.1. Every rule has
-the exponents alpha (of pheromone) and beta (of the heuristic) of Eq. (1), Q of Eq. (2), the number of ants (None: it depends
-on the problem) and a persistence. `numbers()` returns the rule for the kernels.
+the exponents alpha (of pheromone) and beta (of the heuristic) of Eq. (1), Q of Eq. (2) in [1e-100, 1e100], the number of ants
+(None: it depends on the problem) and a persistence. `numbers()` returns the rule for the kernels.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class _Colony:
         if rule.ants is not None:
             checks.integer("ants", rule.ants, low=1, high=1_000_000)
         checks.fields(rule, "alpha", "beta", low=0.0, high=100.0)
-        checks.fields(rule, "q", low=0.0, open_low=True)
+        checks.fields(rule, "q", low=1e-100, high=1e100)
         if not hasattr(rule.persistence, "numbers"):
             raise BadParameter("persistence", rule.persistence, "a persistence policy such as Constant(0.9)")
 
@@ -76,7 +76,7 @@ class ElitistAntSystem(_Colony):
     def __post_init__(self) -> None:
         _Colony.__post_init__(self)
         if self.elite is not None:
-            checks.fields(self, "elite", low=0.0)
+            checks.fields(self, "elite", low=0.0, high=1e100)
 
     def numbers(self, ants: int) -> Numbers:
         return _numbers(self, deposit_weight=np.ones(ants), elite=self._weight(ants))
@@ -161,7 +161,7 @@ class AntColonySystem(_Colony):
     """Pseudo-random proportional choice and local update; only the best tour deposits (Dorigo, Gambardella 1997).
 
     With probability `q0` an ant takes the best edge, else it draws. On each edge taken, tau <- (1 - xi) tau + xi tau_0. After a
-    cycle, tau <- rho tau + (1 - rho) Q / L_best on the edges of the best so far.
+    cycle, tau <- rho tau + max(1 - rho, 0) Q / L_best on the edges of the best so far.
     """
 
     ants: int | None = 10

@@ -269,7 +269,7 @@ def update(
         rho = persistence(rule.persistence_rule, 1.0, 1.0, t, excess)
         cell = start
         for k in best_path:
-            tau[cell, k] = rho * tau[cell, k] + (1.0 - rho) * rule.q / best
+            tau[cell, k] = rho * tau[cell, k] + max(1.0 - rho, 0.0) * rule.q / best
             cell += offsets[k]
     else:
         evaporate(tau, eta, rule.persistence_rule, t, excess)

@@ -228,7 +228,7 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
     since = t - int(record[RESTARTED])
     if numbers.best_only:
         rho = persistence(numbers.persistence_rule, 1.0, 0.0, since, excess)
-        deposit(near, tau, colony.bests[1], rho, (1.0 - rho) * numbers.elite * numbers.q / best)
+        deposit(near, tau, colony.bests[1], rho, max(1.0 - rho, 0.0) * numbers.elite * numbers.q / best)
     else:
         evaporate(tau, numbers.persistence_rule, since, excess)
         alone = best_deposits(numbers.schedule, since)
