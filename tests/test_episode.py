@@ -176,7 +176,7 @@ def test_the_verifier_kills_broken_episodes() -> None:
 
 
 def broken_episodes(result):
-    """The episode broken in 22 ways."""
+    """The episode broken in 37 ways."""
     trace = result.trace
 
     def bent(name: str, row: int, value) -> dict:
@@ -205,10 +205,40 @@ def broken_episodes(result):
         {"task": replace(trace.task, goal=tuple(trace.xy[n // 2].tolist()))},
         {"outcome": Outcome.TIMEOUT, "config": {"horizon": 50.0}},
         {"decisions": ((n + 1, Decision("follow", "late")),)},
+        {"decisions": trace.decisions * 2},
+        {"outcome": Outcome.ERROR, "config": {"horizon": 50.0}},
+        {"command": np.zeros((n, 2))},
+        {"command": np.full((n, 2), math.nan)},
+        {"heading": trace.heading + 1.0},
+        bent("heading", 0, 0.1),
+        bent("heading", n, 0.1),
+        bent("velocity", 0, (0.5, 0.0)),
+        bent("turn_rate", n // 2, 0.3),
+        {"cycle_ms": trace.cycle_ms - 1000.0},
+        {"sensed": ~trace.sensed},
+        bent("sensed", n, ~trace.sensed[n]),
+        {"task": replace(trace.task, robot=replace(trace.task.robot, sensor_range=0.1))},
     ]
     yield from (replace(trace, **change) for change in breaks)
     wrong = ({"time": 3.0}, {"length": 1.0}, {"min_clearance": 9.0}, {"seed": 501}, {"trace": None})
+    wrong += ({"replans": 1}, {"waits": 3})
     yield from (replace(result, **change) for change in wrong)
+
+
+def test_the_verifier_compares_jumping_speeds_with_commands() -> None:
+    """A differential drive in steps turns, then drives; a holonomic robot with inertia points where it goes."""
+    angles = np.random.default_rng(1).uniform(-3.0, 3.0, 30)
+    for robot in (RobotSpec(drive="differential", a_max=2.0, dynamics="steps"), RobotSpec(a_max=2.0, brake_max=1.0)):
+        around = Steer(lambda o: (math.cos(angles[round(10 * o.t)]), math.sin(angles[round(10 * o.t)])))
+        trace = run(crossing(robot=robot), around, horizon=3.0).trace
+        check_episode(trace)
+        for row in (3, 17):
+            command, heading = trace.command.copy(), trace.heading.copy()
+            command[row] *= -1.0
+            heading[row] += 0.1
+            for wrong in ({"command": command}, {"heading": heading}):
+                with pytest.raises(InvalidPlan, match="command"):
+                    check_episode(replace(trace, **wrong))
 
 
 SCRIPT = """

@@ -187,6 +187,7 @@ BROKEN: dict[str, Callable[[TourPlan], TourPlan]] = {
     "a wrong duration": lambda t: replace(t, duration=t.duration - 1.0),
     "a wrong cost": lambda t: replace(t, cost=t.cost - 1e-3),
     "a bound above the cost": lambda t: replace(t, bound=t.cost * 1.01),
+    "a wrong gap": lambda t: replace(t, gap=-5.0),
     "lateness hidden": lambda t: replace(t, task=replace(t.task, windows=t.task.windows * [1.0, 1e-3])),
     "a deadline missed": lambda t: replace(t, task=replace(t.task, deadline=t.duration / 2)),
     "a robot without a route": lambda t: replace(t, task=replace(t.task, robots=2)),
@@ -207,6 +208,15 @@ def test_check_tour_accepts_a_tour() -> None:
 def test_check_tour_rejects(what: str) -> None:
     with pytest.raises(InvalidPlan):
         check_tour(BROKEN[what](some_tour()))
+
+
+def test_a_tour_that_leaves_stops_out_is_feasible() -> None:
+    """With priorities a stop may be left out; infeasible is only what is late."""
+    tour = plan_tour(HALL, (3.5, 1.5), [(1.5, 1.5), (5.5, 1.5)], priorities=[1, 1], deadline=3.0, cycles=5)
+    assert tour.skipped
+    check_tour(tour)
+    with pytest.raises(InvalidPlan, match="infeasible"):
+        check_tour(replace(tour, feasible=False))
 
 
 def test_several_robots_costs_and_moves_pass_the_check() -> None:

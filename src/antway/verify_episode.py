@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from antway.errors import BadParameter, InvalidPlan
-from antway.verify_motion import driven, dynamic_faults, dynamic_gaps, finite_faults, last_gaps, shape_faults
+from antway.verify_motion import REST, driven, dynamic_faults, dynamic_gaps, finite_faults, last_gaps, shape_faults
 from antway.verify_rounds import last_end, rounds_faults
 from antway.verify_steps import step_faults, step_gaps, wall_gap
 
@@ -34,9 +34,9 @@ def check_episode(episode: EpisodeResult | Trace) -> None:
     BadParameter
         If the argument is not an episode.
     InvalidPlan
-        If times do not increase by the control period; if the robot starts elsewhere, jumps, exceeds a limit of speed,
-        acceleration or turn rate, or passes through an obstacle or a wall; if the outcome or a figure contradicts the trace;
-        or if a stop was not visited as recorded.
+        If times do not increase by the control period; if the robot does not start at rest with its heading towards the goal,
+        jumps, does not follow its commands within its limits, passes through an obstacle or a wall, or senses an obstacle that
+        was never in range; if the outcome or a figure contradicts the trace; or if a stop was not visited as recorded.
     """
     trace = _trace_of(episode)
     faults = _shape_faults(trace) or [*_motion_faults(trace), *_end_faults(trace), *rounds_faults(trace)]
@@ -61,9 +61,10 @@ def _shape_faults(trace: Trace) -> list[str]:
     shapes |= {"sensed": (n + 1, k), "cycle_ms": (n,), "turn_rate": (n + 1,)}
     faults = shape_faults(trace, shapes)
     if not faults:
-        faults = finite_faults(trace, ("t", "xy", "velocity", "heading", "turn_rate"))
-    if any(not 0 <= step <= n for step, _ in trace.decisions):
-        faults.append("a decision stands outside the episode")
+        faults = finite_faults(trace, ("t", "xy", "velocity", "heading", "turn_rate", "cycle_ms"))
+    steps = [step for step, _ in trace.decisions]
+    if any(not 0 <= step <= n for step in steps) or any(a >= b for a, b in pairwise(steps)):
+        faults.append("a decision stands outside the episode, or not after the one before")
     return faults
 
 
@@ -77,7 +78,29 @@ def _motion_faults(trace: Trace) -> Iterator[str]:
         yield "steps are not the control period apart"
     if tuple(trace.xy[0].tolist()) != trace.task.start:
         yield f"begins at {tuple(trace.xy[0])}, not at the start {trace.task.start}"
+    if trace.velocity[0].any() or trace.turn_rate[0] != 0.0:
+        yield "does not begin at rest"
+    ahead = np.subtract(trace.task.goal, trace.task.start)
+    if abs(math.remainder(trace.heading[0] - math.atan2(ahead[1], ahead[0]), 2.0 * math.pi)) > _NEAR:
+        yield "does not begin with its heading towards the goal"
+    if (spec.drive == "holonomic" or spec.stepwise) and trace.turn_rate.any():
+        yield "states turn rates, which only wheels with ramps have"
+    if (trace.cycle_ms < 0.0).any():
+        yield "a cycle took less than 0 ms"
+    yield from _sensor_faults(trace)
     yield from step_faults(trace) if spec.stepwise else dynamic_faults(trace)
+
+
+def _sensor_faults(trace: Trace) -> Iterator[str]:
+    """Yield contradictions between tracks and the range of the sensor; noise, latency and walls are not considered."""
+    line, sensed = trace.timeline, trace.sensed
+    for k, (low, high) in enumerate(pairwise(line.first.tolist())):
+        at = (np.interp(trace.t, line.knot_t[low:high], line.knot_xy[low:high, axis]) for axis in (0, 1))
+        near = np.hypot(*(trace.xy.T - list(at))) - line.radius[k] <= trace.task.robot.sensor_range + _NEAR
+        if (sensed[:, k] & ~np.logical_or.accumulate(near)).any():
+            yield f"senses obstacle {line.id[k]} before it was in range"
+    if len(trace) and (sensed[-1] != sensed[-2]).any():
+        yield "senses something in the last row, in which it does not decide"
 
 
 def _end_faults(trace: Trace) -> Iterator[str]:
@@ -92,8 +115,8 @@ def _end_faults(trace: Trace) -> Iterator[str]:
     gaps, wall = last_gaps(trace)
     if task.robot.stepwise and len(trace) > 0:
         wall = wall_gap(trace, len(trace) - 1)
-    moving = math.hypot(*trace.velocity[-1].tolist()) > 1e-9
-    moving |= task.robot.footprint is not None and abs(float(trace.turn_rate[-1])) > 1e-9
+    moving = math.hypot(*trace.velocity[-1].tolist()) > REST
+    moving |= task.robot.footprint is not None and abs(float(trace.turn_rate[-1])) > REST
     if outcome in ("hit-moving", "hit-standing"):
         if not any(gap <= _NEAR for gap in gaps):
             yield "claims a contact with an obstacle that it does not touch"
@@ -101,8 +124,12 @@ def _end_faults(trace: Trace) -> Iterator[str]:
             yield f"claims {outcome} though the robot was {'moving' if moving else 'at rest'}"
     if outcome == "hit-wall" and (len(trace) == 0 or wall > _NEAR):
         yield "claims a contact with a wall that it does not touch"
-    if outcome == "timeout" and trace.t[-1] < trace.config.get("horizon", 0.0) - _NEAR:
+    early = trace.t[-1] < trace.config.get("horizon", 0.0) - _NEAR
+    if outcome == "timeout" and early:
         yield "claims to have run out of time before the horizon"
+    at_rest = not moving and abs(float(trace.turn_rate[-1])) <= REST
+    if outcome == "error" and early and len(trace) and not at_rest:
+        yield "claims an error before the horizon, and the robot was not braked"
 
 
 def _figure_faults(result: EpisodeResult, trace: Trace) -> list[str]:
@@ -116,6 +143,10 @@ def _figure_faults(result: EpisodeResult, trace: Trace) -> list[str]:
         "length": (result.length, length),
         "min_clearance": (result.min_clearance, least),
     }
+    rests = np.hypot(*trace.velocity[1:].T) <= REST
+    paths = [decision.path for _, decision in trace.decisions if decision.path is not None]
+    figures["waits"] = (result.waits, int(rests[:1].sum() + (rests[1:] & ~rests[:-1]).sum()))
+    figures["replans"] = (result.replans, sum(a is not b for a, b in pairwise(paths)))
     faults = [f"states {name} {a!r} but has {b!r}" for name, (a, b) in figures.items() if a != b and not abs(a - b) <= slack]
     if result.outcome is not trace.outcome or result.seed != trace.seed:
         faults.append("outcome or seed of result and trace differ")

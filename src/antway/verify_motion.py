@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from antway.world.robots import RobotSpec
     from antway.world.trace import Trace
 
+REST = 1e-9  # m/s, rad/s; slower robots and commands are at rest, and keep their heading
 _NEAR = 1e-6  # m, m/s, rad; tolerance of the rules
 _SLACK = 1e-5  # m; tolerance of gaps, which are sampled
 _EVEN = 1e-9  # m^2/s^2; a ramp at nearly a right angle to the command counts as braking
@@ -38,6 +39,19 @@ def finite_faults(record: object, names: Iterable[str]) -> list[str]:
 def braking(spec: RobotSpec) -> float:
     """Return a robot's limit of deceleration, m/s^2."""
     return spec.a_max if spec.brake_max is None else spec.brake_max
+
+
+def angle(difference: Floats) -> Floats:
+    """Return a difference of angles in [-pi, pi], rad."""
+    return np.arctan2(np.sin(difference), np.cos(difference))
+
+
+def not_along(trace: Trace) -> NDArray[np.bool_]:
+    """Tell for each step whether a holonomic robot does not point where it goes; at rest, or with a footprint, as before."""
+    v, heading = trace.velocity[1:], trace.heading
+    keeps = (np.hypot(*v.T) <= REST) | (trace.task.robot.footprint is not None)
+    wrong: NDArray[np.bool_] = np.abs(angle(np.where(keeps, heading[:-1], np.arctan2(v[:, 1], v[:, 0])) - heading[1:])) > _NEAR
+    return wrong
 
 
 def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
@@ -162,7 +176,8 @@ def dynamic_faults(trace: Trace) -> Iterator[str]:
     times, states, speeds = driven(trace)
     if np.hypot(*(states[:, -1, :2] - trace.xy[1:]).T).max(initial=0.0) > 5 * _NEAR:
         yield "a place is not where its command leads"
-    if wheels and np.abs(np.angle(np.exp(1j * (states[:, -1, 2] - trace.heading[1:])))).max(initial=0.0) > 5 * _NEAR:
+    turned = np.abs(angle(states[:, -1, 2] - trace.heading[1:])) > 5 * _NEAR if wheels else not_along(trace)
+    if turned.any():
         yield "a heading is not where its command turns it"
     recorded = trace.velocity
     if wheels:

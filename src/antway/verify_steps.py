@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.verify import inside_box
+from antway.verify_motion import REST, angle, not_along
 
 if TYPE_CHECKING:
     from antway.world.trace import Trace
@@ -19,29 +20,44 @@ _NEAR = 1e-6  # m, m/s, rad; tolerance of the rules
 
 
 def step_faults(trace: Trace) -> Iterator[str]:
-    """Yield where the trace exceeds the robot's limits, and where the robot passes through something."""
-    spec, xy, v, dt = trace.task.robot, trace.xy, trace.velocity, np.diff(trace.t)
+    """Yield where the trace does not follow limits and commands, and where the robot passes through something."""
+    xy, v, dt = trace.xy, trace.velocity, np.diff(trace.t)
     if (np.abs(np.diff(xy, axis=0) - v[1:] * dt[:, None]) > _NEAR).any():
         yield "a place is not where its velocity leads"
-    if (np.hypot(v[:, 0], v[:, 1]) > spec.v_max + _NEAR).any():
-        yield "is faster than v_max"
-    ahead = np.column_stack((np.cos(trace.heading), np.sin(trace.heading)))
-    speed = (v * ahead).sum(axis=1)
-    if spec.drive == "differential":
-        turn = np.abs(np.angle(np.exp(1j * np.diff(trace.heading))))
-        if (turn > spec.turn_rate * spec.dt + _NEAR).any():
-            yield "turns faster than turn_rate"
-        if (np.abs(v[:, 0] * ahead[:, 1] - v[:, 1] * ahead[:, 0]) > _NEAR).any() or (speed < -_NEAR).any():
-            yield "moves aside or backwards, which a differential drive does not"
-    change = np.abs(np.diff(speed)) if spec.drive == "differential" else np.hypot(*np.diff(v, axis=0).T)
-    if (change > spec.a_max * spec.dt + _NEAR).any():
-        yield "accelerates faster than a_max"
+    yield from _command_faults(trace)
     gap = step_gaps(trace)
     for k in np.flatnonzero(gap.min(axis=0) < -_NEAR).tolist() if gap.size else []:
         yield f"passes through obstacle {trace.timeline.id[k]} in step {int(np.argmin(gap[:, k]))}"
     depth = [wall_gap(trace, i) for i in range(len(dt))]
     if depth and min(depth) < -_NEAR:
         yield f"passes through a wall in step {depth.index(min(depth))}"
+
+
+def _command_faults(trace: Trace) -> Iterator[str]:
+    """Yield where a velocity or a heading is not what the command before leads to within the robot's limits."""
+    spec, v, heading = trace.task.robot, trace.velocity, trace.heading
+    asked = np.where(np.isfinite(trace.command).all(axis=1, keepdims=True), trace.command, 0.0)
+    size = np.hypot(*asked.T)
+    asked = asked * (spec.v_max / np.maximum(size, spec.v_max))[:, None]
+    gain = spec.a_max * spec.dt
+    if spec.drive == "differential":
+        turn, most = np.abs(angle(np.arctan2(asked[:, 1], asked[:, 0]) - heading[:-1])), spec.turn_rate * spec.dt
+        left = np.abs(angle(np.arctan2(asked[:, 1], asked[:, 0]) - heading[1:])) - np.maximum(turn - most, 0.0)
+        turned = np.abs(angle(np.diff(heading))) - np.where(size > REST, np.minimum(turn, most), 0.0)
+        wrong = (turned > _NEAR) | ((size > REST) & (np.abs(left) > _NEAR))
+        ahead = np.column_stack((np.cos(heading), np.sin(heading)))
+        speed = (v * ahead).sum(axis=1)[:-1]
+        wanted = np.maximum((asked * ahead[1:]).sum(axis=1), 0.0)
+        led = np.clip(wanted, speed - gain, speed + gain)[:, None] * ahead[1:]
+    else:
+        wrong = not_along(trace)
+        change = asked - v[:-1]
+        far = np.hypot(*change.T)
+        led = v[:-1] + change * np.where(far > gain, gain / np.where(far > 0.0, far, 1.0), 1.0)[:, None]
+    if wrong.any():
+        yield "a heading is not where its command turns it"
+    if (np.abs(led - v[1:]) > _NEAR).any():
+        yield "a velocity is not what its command leads to"
 
 
 def step_gaps(trace: Trace) -> NDArray[np.float64]:

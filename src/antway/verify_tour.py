@@ -152,8 +152,11 @@ def _sum_faults(tour: TourPlan, late: float, driven: float, done: float) -> Iter
             yield f"states a {what} of {stated!r}; it is {true!r}"
     if tour.feasible and late > near:
         yield f"is called feasible and is {late!r} s late"
-    if not tour.feasible and late == 0.0 and not tour.skipped:
-        yield "is called infeasible, visits all stops and is never late"
+    if not tour.feasible and late == 0.0:
+        yield "is called infeasible and is never late"
     best, least = (tour.bound, tour.collected) if task.priorities is not None else (tour.cost, tour.bound)
     if math.isnan(tour.bound) or tour.bound < 0 or (tour.feasible and least > best * (1 + _NEAR) + near):
         yield f"has a bound of {tour.bound!r} that its own {'priorities' if task.priorities is not None else 'cost'} contradict"
+    gap = 0.0 if best <= least else best / least - 1.0 if least > 0.0 else math.inf
+    if gap != tour.gap and not abs(gap - tour.gap) <= _NEAR * (1.0 + gap):
+        yield f"states a gap of {tour.gap!r}; it is {gap!r}"
