@@ -139,20 +139,22 @@ def success_figure(table: Sequence[Summary]) -> Figure:
         raise BadParameter("table", table, "at least one summary")
     levels = list(dict.fromkeys(row.level for row in table if row.level)) or [""]
     policies = list(dict.fromkeys(row.policy for row in table))
-    fig = style.figure(max(4.8, 1.1 + 1.1 * len(levels)), 4.2)
+    fig = style.figure(6.0, 4.2)
     axes = fig.subplots()
-    for k, (policy, (colour, marker, dash)) in enumerate(zip(policies, cycle(_LOOKS))):
+    for k, (policy, (colour, marker, _)) in enumerate(zip(policies, cycle(_LOOKS))):
         rows = {row.level: row for row in table if row.policy == policy}
         known = [(i, rows[level]) for i, level in enumerate(levels) if level in rows]
         x = np.array([i for i, _ in known]) + 0.5 * (k - (len(policies) - 1) / 2) / max(len(policies), 2)
         share = np.array([100 * row.success for _, row in known])
         low, high = 100 * np.array([row.success_interval for _, row in known]).T
         bars = np.maximum([share - low, high - share], 0.0)
-        look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": dash, "linewidth": 1.0, "markersize": 5}
-        axes.errorbar(x, share, yerr=bars, capsize=2.5, **look)
+        look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "markersize": 5}
+        axes.errorbar(x, share, yerr=bars, capsize=2.5, elinewidth=1.0, **look)
         axes.plot([], [], label=policy, **look)
     axes.set_xticks(range(len(levels)), [level or "all" for level in levels])
-    axes.set(xlabel="difficulty", ylabel="reached (%)", title="Episodes in which the goal was reached")
+    if sum(map(len, levels)) > 48:  # letters that fit side by side
+        axes.tick_params("x", rotation=25)
+    axes.set(xlabel="level", ylabel="reached (%)", title="Episodes in which the goal was reached")
     axes.set(ylim=(-3, 103), xlim=(-0.5, len(levels) - 0.5))
     style.graph(axes, below=True)
     style.legend_below(axes)

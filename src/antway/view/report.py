@@ -97,20 +97,20 @@ def _suite(suite: str, rows: list[Row], replays: _Replays) -> str:
 def _table(table: Sequence[Summary]) -> str:
     """Return the table with a row for each policy on each level."""
     heads = (
-        "level", "policy", "episodes", "success", "95 %", "hit moving", "hit standing", "hit wall", "timeout", "error",
+        "level", "policy", "episodes", "success", "95 %", "hit moving / standing / wall", "timeout / error",
         "time / optimum", "95 %", "time s", "length / shortest", "clearance m", "under 0.2 m s", "side changes", "jerk m/s³",
         "cycle ms p50", "p99", "max",
     )  # fmt: skip
     lines = []
     for one in table:
-        counts = (one.outcomes[name] for name in ("hit-moving", "hit-standing", "hit-wall", "timeout", "error"))
         cells = (
             one.level or "all",
             one.policy,
             one.episodes,
             f"{100 * one.success:.1f} %",
             f"{100 * one.success_interval[0]:.1f}–{100 * one.success_interval[1]:.1f}",
-            *counts,
+            " / ".join(str(one.outcomes[name]) for name in ("hit-moving", "hit-standing", "hit-wall")),
+            " / ".join(str(one.outcomes[name]) for name in ("timeout", "error")),
             _number(one.time_ratio, 4),
             span(one.time_ratio_interval, 3),
             *(_number(v, 2) for v in (one.time, one.path_ratio, one.clearance, one.discomfort, one.side_changes, one.jerk)),
