@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from antway import Grid, RobotSpec, Scenario, World
-from antway.errors import BadInput
+from antway import Grid, RobotSpec, Scenario, World, save_map
+from antway.errors import BadInput, TooLarge
 from antway.web import session as sessions
 from antway.web.files import MAX_OBSTACLES, read_upload
 from antway.web.player import SLICE, Player
@@ -241,14 +241,31 @@ def test_edits_can_be_undone_and_wrong_ones_change_nothing() -> None:
     assert session.scenario == first
 
 
+def test_what_is_missing_or_too_large_is_said_to_users_of_the_page(tmp_path) -> None:
+    """A scenario without its map, and without the map's picture, asks for what is missing; no limit is explained for Python."""
+    save_map(Grid(np.zeros((9, 9), dtype=bool)), tmp_path / "hall.yaml")
+    (tmp_path / "hall.toml").write_text("map = 'hall.yaml'\nstart = [1.5, 1.5]\ngoal = [7.5, 7.5]\n")
+    np.save(tmp_path / "big.npy", np.zeros((1500, 1500), dtype=bool))
+
+    def opened(*names: str) -> None:
+        read_upload([{"name": one, "data": base64.b64encode((tmp_path / one).read_bytes()).decode()} for one in names])
+
+    opened("hall.toml", "hall.yaml", "hall.pgm")
+    for names, missing in ((("hall.toml",), "hall.yaml"), (("hall.toml", "hall.yaml"), "hall.pgm")):
+        with pytest.raises(BadInput, match=f"{missing}': must be selected as well"):
+            opened(*names)
+    with pytest.raises(TooLarge, match=r"at most 1048576 cells$"):
+        opened("big.npy")
+
+
 def test_a_saved_scenario_opens_again_and_frames_are_small() -> None:
     """The saved file gives the same scenario back; two policies play in step within 60 kB a frame."""
     session = Session()
-    session.apply({"op": "set", "field": "seed", "value": 7})
+    session.apply({"op": "set", "field": "seed", "value": 2**53 - 1})
     saved = session.apply({"op": "export", "what": "scenario"})[0]
     before = session.scenario
     session.apply({"op": "open", "files": [{"name": saved["name"], "data": saved["base64"]}]})
-    assert session.scenario.world == before.world and session.scenario.seed == 7
+    assert session.scenario.world == before.world and session.scenario.seed == 2**53 - 1
     session.apply({"op": "policies", "names": ["antway", "paper"]})
     for _ in range(60):
         session.advance()

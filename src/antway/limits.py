@@ -13,4 +13,5 @@ MAX_CLOCK = 1e12  # s; limit of the times of observations, from any zero of the 
 MAX_ANGLE = 1e6  # rad, rad/s; limit of headings and turn rates
 MAX_TRACKS = 10_000  # limit of obstacles in an observation
 MAX_DEPTH = 32  # limit of nested brackets, and of parts of a dotted key in a TOML file
+MAX_PAGE_SEED = 2**53 - 1  # limit of seeds on the live pages: JavaScript rounds greater integers
 MAX_LISTS = 1_000_000  # limit of lists and tables in a TOML or JSON file

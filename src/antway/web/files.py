@@ -32,7 +32,8 @@ MAX_FILES = 8
 MAX_OBSTACLES = 200
 MAX_LINK = 30_000  # limit of characters of a link
 EXPORTS = ("trace", "replay", "gif")
-LIMITS = Limits(cells=2**20, file_bytes=MAX_BYTES)
+MAX_CELLS = 2**20  # of a map
+LIMITS = Limits(cells=MAX_CELLS, file_bytes=MAX_BYTES)
 _PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # other methods may need gigabytes of memory to unpack
 _SPOILT = (zipfile.BadZipFile, zlib.error, struct.error, NotImplementedError, RuntimeError, EOFError, OSError, ValueError)
 _NAME = re.compile(r"[^\W_][\w .()+-]{0,99}")
@@ -71,7 +72,10 @@ def read_upload(files: object) -> Scenario:
         except BadInput as error:
             where = error.where.replace(f"{folder}/", "")
             value = error.value.replace(f"{folder}/", "") if isinstance(error.value, str) else error.value
-            raise type(error)(error.field, value, error.allowed, where=where) from None
+            allowed = error.allowed.partition(" (limits=")[0]  # advice for Python
+            if error.field.endswith(("map", "file")) and isinstance(value, str) and value not in contents:
+                allowed = "selected as well: a scenario, its map and the map's picture together, or a .zip"
+            raise type(error)(error.field, value, allowed, where=where) from None
 
 
 def _read(folder: Path, names: list[str], given: dict[str, Any]) -> Scenario:

@@ -15,6 +15,7 @@ import numpy as np
 from antway import checks
 from antway.errors import BadParameter, TooLarge
 from antway.grid import Grid
+from antway.limits import MAX_PAGE_SEED
 from antway.planning import Problem, solve
 from antway.policies.paper.routes import PathsFrom
 from antway.scenes import SCENES, scene
@@ -53,7 +54,7 @@ class Parameter:
 
 PARAMETERS = (
     Parameter(
-        "seed", "Seed", "", 0, 2**32 - 1, "Draws where obstacles start and how fast they are; the same seed gives the same run."
+        "seed", "Seed", "", 0, MAX_PAGE_SEED, "Draws where obstacles start and how fast; the same seed gives the same run."
     ),
     Parameter("robot.radius", "Robot's radius", "m", 0.05, 2.0, "Half the robot's width."),
     Parameter("robot.v_max", "Robot's top speed", "m/s", 0.1, 5.0, "The robot never drives faster."),

@@ -15,6 +15,7 @@ from antway.ants.rules import RULES
 from antway.ants.tsp import local_search_options
 from antway.ants.tsplib import Tsp
 from antway.errors import BadParameter, TooLarge
+from antway.limits import MAX_PAGE_SEED
 from antway.view.packing import to_base64
 from antway.web.files import as_file, decoded, stem
 from antway.web.tab import Tab
@@ -206,7 +207,7 @@ class Tours(Tab):
         if field == "ants":
             value = checks.integer("ants", value, low=1, high=200)
         elif field == "seed":
-            value = checks.integer("seed", value, low=0, high=2**32 - 1)
+            value = checks.integer("seed", value, low=0, high=MAX_PAGE_SEED)
         else:
             value = checks.choice(field, value, {"rule": RULES, "search": SEARCHES, "persistence": PERSISTENCES}[field])
         return self._restart(self.instance, {**self.settings, field: value})

@@ -183,6 +183,7 @@ function openFiles(files) {
   if (ends(".yaml", ".yml") && !image) return busy(""), notice(`${files[0].name} is the description of a map: choose its picture too`);
   if (!image || ends(".yaml", ".yml")) return open();
   busy("");
+  notice("");
   page.pictured = { files, image };
   byId("pixel-box").showModal();
 }

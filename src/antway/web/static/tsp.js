@@ -13,7 +13,7 @@ const SETTINGS = [
   { field: "persistence", label: "Persistence", options: choices.persistences, meaning: "Share of the pheromone that remains after a cycle; adaptive: strong edges keep more." },
   { field: "search", label: "Local search", options: choices.searches, meaning: "What improves each tour before it deposits." },
   { field: "ants", label: "Ants", meaning: "In a cycle. 1 to 200; from 2,000 cities on with local search, 4 that change tours." },
-  { field: "seed", label: "Seed", meaning: "Same seed, same run. 0 to 4294967295." },
+  { field: "seed", label: "Seed", meaning: "Same seed, same run. 0 to 9007199254740991." },
 ];
 const MARGIN = 20; // pixels of the page around the map
 const NEAR = 10; // pixels of the page; a press this near to a city removes it
