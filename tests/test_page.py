@@ -196,6 +196,12 @@ def test_files_are_opened_and_bad_ones_said(page: Any, tmp_path: Path) -> None:
     page.set_input_files("#files", tmp_path / "bad.png")
     page.click("#pixel-open")
     expect(page, "#notice").to_contain_text("bad.png")
+    page.set_input_files("#files", tmp_path / "room.png")
+    expect(page, "#notice").to_be_hidden()
+    page.keyboard.press("Escape")
+    page.set_input_files("#files", tmp_path / "bad.png")
+    page.click("#pixel-open")
+    expect(page, "#notice").to_contain_text("bad.png")
     page.click("#notice button")
     expect(page, "#notice").to_be_hidden()
     drop(page, "dropped.map", MAP)
@@ -439,6 +445,13 @@ def test_the_pages_fit_the_screen(browser: Any, address: str, path: str, screen:
             page.touchscreen.tap(*point(page, 0.5, 18.5))
             expect(page, "#undo").to_be_enabled()
     assert complaints == []
+    page.context.close()
+
+
+def test_a_small_phone_shows_most_of_the_map(browser: Any, address: str) -> None:
+    """On 320 x 640 the rows above and below leave room for it."""
+    page, _ = opened(browser, address, (address, "data:"), **{**PHONE, "viewport": {"width": 320, "height": 640}})
+    assert page.locator(".bar").bounding_box()["y"] - page.locator(".stage").bounding_box()["y"] > 200
     page.context.close()
 
 
