@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from antway import Grid, Moves
+from antway import Command, Decision, Grid, Moves, Observation, Outcome, Scenario, World, run
 from antway.errors import BadInput, BadParameter
 from antway.planning import Problem, solve
 from antway.policies.guard_process import GuardProcess
@@ -21,7 +21,7 @@ from antway.ros2 import nav2, tours
 from antway.ros2.frames import Odometry
 from antway.ros2.markers import decision_message, predictions, predictions_message
 from antway.ros2.path import corridor, keeps_within, tracking
-from antway.ros2.pilot import OK, STAND, End, Goal, Pilot
+from antway.ros2.pilot import OK, STAND, Answer, End, Goal, Pilot
 from antway.ros2.settings import Settings, defaults, parameters, refused
 from antway.ros2.tours import Visit, find_tour
 from antway.world.policy import Task, Tracks
@@ -380,7 +380,8 @@ def test_what_the_robot_was_told_before_it_stood_acts_no_more() -> None:
     for _ in range(10):
         drive.step()
     assert np.abs(drive.pilot.sent).max() > 0.1
-    drive.pilot.drop("on request")
+    assert drive.pilot.drop("on request").drives, "until the control period is over"
+    assert drive.step().command is STAND
     for _ in range(5):
         assert drive.step() is None
     assert not drive.pilot.sent.any()
@@ -613,6 +614,111 @@ def test_a_new_map_or_clock_counts_for_the_turn_to_the_yaw() -> None:
     assert "jumped" in answers[0].reason and abs(heading - 1.57) < 0.1 and answers[-1].end is End.ARRIVED
 
 
+# Stops of robots with inertia
+
+
+class Piloted:
+    """A policy: the pilot drives to a goal; at `when` s, `what` is done to it, as a node would."""
+
+    def __init__(self, goal: tuple[float, float], robot: dict, when: float = math.inf, what: str = "") -> None:
+        self.pilot, self.goal, self.when, self.what = Pilot(settings(**robot)), goal, when, what
+        self.answer, self.ends = Answer(STAND, OK, ""), []
+
+    def reset(self, task: Task, seed: int) -> None:
+        self.grid = task.grid
+        self.pilot.receive_map(task.grid)
+        self.pilot.go(Goal(self.goal))
+
+    def act(self, o: Observation) -> Command:
+        pilot = self.pilot
+        if o.t < self.when or self.what != "sensor":
+            pilot.scan = o.t, o.tracks
+        answers = []
+        if self.when - 0.05 <= o.t < self.when + 0.05:
+            blocked = self.grid.blocked.copy()
+            blocked[28:32, 20:24] = True
+            if self.what == "drop":
+                answers.append(pilot.drop("on request"))
+            elif self.what == "preempt":
+                answers.append(pilot.go(Goal((2.0, 3.0))))
+            elif self.what == "map":
+                answers.append(pilot.receive_map(replace(self.grid, blocked=blocked)))
+        answers.append(pilot.receive_odometry(Odometry(o.t, o.xy, o.velocity, o.heading, o.turn_rate), o.t))
+        for answer in filter(None, answers):
+            self.answer = answer
+            self.ends += [answer.end] * (answer.end is not None)
+        return Command(twist=(0.0, 0.0)) if self.answer.command is STAND else self.answer.command
+
+    def explain(self) -> Decision:
+        return Decision("follow", "")
+
+
+RECTANGLE = {
+    "robot.drive": "differential",
+    "robot.footprint": "[[0.4, 0.25], [0.4, -0.25], [-0.4, -0.25], [-0.4, 0.25]]",
+    "robot.a_max": 0.8,
+    "robot.alpha_max": 2.0,
+    "robot.turn_rate": 1.5,
+    "robot.v_reverse": 0.3,
+}
+
+
+def toward_the_wall(room: float, y: float, robot: dict, *event: object, horizon: float) -> Piloted:
+    """Play on after the end of a drive to a place with this room before the wall at the end of a hall; nothing is touched."""
+    hall = Grid(np.zeros((60, 100), bool), 0.1)
+    spec = settings(**robot).robot
+    policy = Piloted((10.0 - spec.radius - room, y), robot, *event)
+    result = run(Scenario(World(hall), (5.0, 3.0), (1.0, 5.0), robot=spec, horizon=horizon), policy, record=False)
+    assert result.outcome is Outcome.TIMEOUT, (robot, event, result.reason)
+    return policy
+
+
+@pytest.mark.parametrize(
+    ("robot", "room", "y"),
+    [
+        ({"robot.name": "diff", "robot.drive": ""}, 0.2, 3.25),
+        ({"robot.name": "jackal", "robot.drive": ""}, 0.1, 3.25),
+        (RECTANGLE, 0.2, 3.0),
+    ],
+)
+def test_a_robot_that_arrives_before_a_wall_stops_by_the_guard(robot: dict, room: float, y: float) -> None:
+    """Straight braking would touch the wall; the stop that the guard keeps certified does not, and ends with zeros."""
+    policy = toward_the_wall(room, y, robot, horizon=7.5)
+    assert policy.ends == [End.ARRIVED] and policy.answer.command is STAND and policy.pilot.guard is None
+
+
+@pytest.mark.parametrize(
+    ("what", "room", "when"), [("drop", 0.2, 2.9), ("preempt", 0.1, 3.0), ("map", 0.2, 2.9), ("sensor", 0.2, 2.9)]
+)
+def test_every_stop_before_a_wall_is_the_guards(what: str, room: float, when: float) -> None:
+    """A goal dropped or pre-empted, a new map and a sensor that falls silent at high speed lead to no contact either."""
+    toward_the_wall(room, 3.25, {"robot.name": "jackal", "robot.drive": ""}, when, what, horizon=when + 1.5)
+
+
+def test_a_stop_that_turns_is_driven_to_its_end(monkeypatch) -> None:
+    """Once in each control period, also without odometry and when the node ends; a new goal waits for its end."""
+    monkeypatch.setattr(time, "sleep", lambda seconds: None)
+    for way in ("odometry", "silent", "the node ends", "a new goal"):
+        drive = ready(**{"robot.drive": "differential", "robot.a_max": 1.0, "robot.alpha_max": 3.0})
+        pilot, last = drive.pilot, drive.pilot.command
+        pilot.guard.dynamic.keep[:2] = 0.5, 2.0
+        assert pilot.drop("on request").command is last
+        if way == "a new goal":
+            pilot.go(Goal((2.0, 6.0)))
+        if way == "the node ends":
+            answers = list(pilot.braking())
+        elif way == "silent":
+            assert pilot.silent(0.1) is None
+            answers = [pilot.silent(0.2 + 0.1 * k) for k in range(3)]
+            assert pilot.silent(0.5) is None
+        else:
+            answers = [drive.step() for _ in range(3)]
+        assert [one.command.twist for one in answers[:2]] == [(0.0, 0.5)] * 2 and answers[2].command is STAND
+        assert {one.reason for one in answers} == {"on request"}
+        after = drive.step()
+        assert after.drives if way == "a new goal" else after is None
+
+
 # The guard's process
 
 
@@ -638,8 +744,7 @@ def test_the_guards_process_sends_what_the_pilot_says():
                 number = guarded.number
                 assert number > 0 and guard.link.replied(number).command == answers[0].command
             xy = tuple(a + 0.1 * v for a, v in zip(xy, answers[1].command.velocity, strict=True))
-        guarded.rest()
-        assert guarded.number == 0
+        assert guarded.silent(1.0).command is STAND and guarded.number == 0
         time.sleep(0.3)
         assert guard.link.replied(number).did == "free", "it rests, and brakes no more"
         guard.process.kill()

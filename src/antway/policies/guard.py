@@ -174,6 +174,8 @@ class Guard:
     def limit(self, observation: Observation, command: Command | None) -> Command:
         """Return the command that passes; `did` then says what the guard did.
 
+        For None that is the next command of the stop that the guard keeps certified, by which a robot stops at any time.
+
         Raises
         ------
         BadParameter

@@ -216,6 +216,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         """Stop the robot if the node drives it."""
         if self.active:
             self.drop(reason)
+            for answer in self.pilot.braking():
+                self._do(answer)
             self.active = False
 
     # What comes in
@@ -354,8 +356,6 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             return False
         settings = self.settings
         t, _, velocity, heading, _ = self.pilot.odometry or Odometry(0.0, (0.0, 0.0), (0.0, 0.0), 0.0)
-        if not answer.drives:
-            self.pilot.rest()
         if not (answer.drives and settings.guard_process):  # else the guard process has sent it
             twist = make("geometry_msgs/msg/Twist")
             if answer.drives:

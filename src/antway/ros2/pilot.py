@@ -1,9 +1,10 @@
-"""The pilot: drives to goals by the policy, and stands with a reason whenever it cannot; no ROS import."""
+"""The pilot: drives to goals by the policy, and stops by its guard with a reason whenever it cannot; no ROS import."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
@@ -63,7 +64,7 @@ class Answer:
 
     @property
     def drives(self) -> bool:
-        """Whether the policy drives."""
+        """Whether the policy drives, or the guard's stop still turns."""
         return self.command is not STAND
 
 
@@ -103,7 +104,8 @@ class Pilot:
     """Receives the robot's data in the map's frame, and answers odometry with a command in each control period.
 
     Internally the policy uses a frame in which the map's yaw is 0. With a guard process, commands go through it: it sends what
-    passes to the robot itself, and brakes if none comes.
+    passes to the robot itself, and brakes if none comes. A robot with inertia always stops by the guard, whose certified stop
+    may turn: the last command acts until its period is over, then that stop is driven, and only then a drive may begin.
     """
 
     def __init__(self, settings: Settings, guard_process: GuardProcess | None = None) -> None:
@@ -117,12 +119,13 @@ class Pilot:
         robot = settings.robot
         self.sent = np.zeros((math.ceil(robot.latency / robot.dt - 1e-9), 2))  # commands that do not act yet
         self.policy: AntwayPolicy | None = None
-        self.guard: Guard | None = None  # while it turns in place at a goal
-        self.command = STAND
+        self.turner: Guard | None = None  # while it turns in place at a goal
+        self.guard: Guard | GuardProcess | None = None  # keeps the stop that follows the last command; None: STAND stops it
+        self.command, self.why = STAND, (OK, "")  # the last command, and level and reason of the last stop
         self.last_decision: tuple[Decision, Decision] | None = None  # of the policy, and the same in the map's frame
         self.due = -math.inf  # s; when odometry is to be answered next
         self.started = -math.inf  # s; when the policy started
-        self.now = -math.inf  # s of a steady clock; when the last odometry arrived
+        self.now = self.answered = -math.inf  # s of a steady clock; when odometry last arrived, and was last answered
         self._restart()
 
     def _restart(self) -> None:
@@ -135,9 +138,9 @@ class Pilot:
         """Receive a map; if it is new, the robot stands and plans again."""
         if self.map is not None and grid == self.map:
             return None
-        self.map, self.policy, self.guard = grid, None, None
+        self.map, self.policy, self.turner = grid, None, None
         self.grid, self.frame = level(grid)
-        return None if self.goal is None else Answer(STAND, WARN, "the map has changed")
+        return None if self.goal is None else self._hold(WARN, "the map has changed")
 
     def overtaken(self, t: float) -> bool:
         """Tell whether obstacles seen at `t` s come after newer ones; by more than `timeout` is a jump of the clock."""
@@ -155,56 +158,100 @@ class Pilot:
 
         Waiting time and progress continue if the new goal is at the same place.
         """
-        before, self.goal, self.guard = self.goal, goal, None
+        before, self.goal, self.turner = self.goal, goal, None
         if before is None or math.dist(before.xy, goal.xy) > self.settings.task["goal_tolerance"]:
             self._restart()
-        if before is None:
-            self.due = -math.inf
-            return None
-        if self.policy is not None and self._same_path(before, goal):
+        if before is not None and self.policy is not None and self._same_path(before, goal):
             self.goal = replace(goal, path=before.path)
             return Answer(self.command, OK, "the path is refreshed", End.REPLACED)
-        self.policy, self.due = None, -math.inf
-        return Answer(STAND, OK, f"the goal {before.xy} is pre-empted by {goal.xy}", End.REPLACED)
+        self.policy = None
+        if self.guard is None:
+            self.due = -math.inf
+        return None if before is None else self._hold(OK, f"the goal {before.xy} is pre-empted by {goal.xy}", End.REPLACED)
 
     def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> Answer:
-        """Stand, and end the goal."""
+        """Stop, and end the goal."""
         done = None if self.goal is None else end
-        self.goal = self.policy = None
-        return Answer(STAND, level, reason, done)
+        self.goal = self.policy = self.turner = None
+        return self._hold(level, reason, done)
 
     def silent(self, seconds: float) -> Answer | None:
-        """Answer that there was no odometry for this time."""
+        """Answer that there was no odometry for this time; a stop that has since goes on without."""
+        dt = self.settings.robot.dt
+        if self._stopping and seconds > 1.5 * dt:
+            self.due += dt
+            return self.brake()
         if self.goal is None or seconds <= self.settings.timeout:
             return None
-        self.command = STAND
-        self._send(STAND.velocity)
+        self.brake()
         reason = f"no odometry for {self.settings.timeout:g} s"
         if self.goal.gives_up and seconds > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
-        return Answer(STAND, ERROR, reason)
+        return self._hold(ERROR, reason)
 
     def receive_odometry(self, odometry: Odometry, now: float) -> Answer | None:
         """Receive odometry that arrived at `now` s of a steady clock; answer once in each control period.
 
         A jump of odometry's clock is answered at once: it went back, or forward by `timeout` more than the steady one.
         """
-        before, self.odometry = self.odometry, odometry
+        before, self.odometry, dt = self.odometry, odometry, self.settings.robot.dt
         passed, self.now = now - self.now, now
         if before is not None and not 0.0 <= odometry.t - before.t <= self.settings.timeout + passed:
-            self.scan = self.policy = self.guard = None  # earlier observations and plans are invalid now
-            self._send(STAND.velocity)
-            self.due = -math.inf
+            self.scan = self.policy = self.turner = None  # earlier observations and plans are invalid now
+            self.brake()
+            self.due = -math.inf if self.guard is None else odometry.t + dt
             self._restart()
-            return Answer(STAND, WARN, f"odometry's clock jumped by {odometry.t - before.t:.3f} s")
-        dt = self.settings.robot.dt
+            return self._hold(WARN, f"odometry's clock jumped by {odometry.t - before.t:.3f} s")
         if odometry.t < self.due - dt / 4:
             return None
         self.due = (self.due if odometry.t - self.due < dt else odometry.t) + dt
-        if self.goal is None:
-            self._send(STAND.velocity)
-            return None
+        self.answered = now
+        if self.goal is None or self._stopping:
+            stood = self.guard is None
+            answer = self.brake()
+            return None if stood else answer
         return self._decide(self.goal, odometry)
+
+    # Stopping
+
+    @property
+    def _stopping(self) -> bool:
+        """Whether the robot follows a certified stop, or begins it in the next control period."""
+        return self.guard is not None and self.policy is None and self.turner is None
+
+    def _hold(self, level: int, reason: str, end: End | None = None) -> Answer:
+        """Answer with the last command, after which the guard's stop is certified, or STAND if there is no such stop."""
+        self.why = level, reason
+        if self.guard is not None:
+            return Answer(self.command, level, reason, end)
+        if self.guard_process is not None and self.number:
+            self.guard_process.rest(self.number)
+            self.number = 0
+        return Answer(STAND, level, reason, end)
+
+    def brake(self) -> Answer:
+        """Answer with the next command of the guard's stop, once in a control period; the last one is STAND."""
+        guard, o, acts = self.guard, self.odometry, STAND.velocity
+        if guard is not None and o is not None:
+            seen = Observation(o.t, o.xy, o.velocity, o.heading, Tracks.none())
+            if isinstance(guard, GuardProcess):
+                self.number = guard.observe(seen)
+                acts = guard.limit(self.number, None).command.acts(seen, self.settings.robot)
+            else:
+                acts = guard.limit(seen, None).acts(seen, guard.task.robot)
+        self._send(acts)
+        self.command = Command(twist=acts)
+        if not any(acts):
+            self.command, self.guard = STAND, None
+        return self._hold(*self.why)
+
+    def braking(self) -> Iterator[Answer]:
+        """Drive the guard's stop to its end, which needs no odometry; yield each answer when it is due."""
+        since = self.answered
+        while self.guard is not None:
+            time.sleep(max(since + self.settings.robot.dt - time.monotonic(), 0.0))
+            since = time.monotonic()
+            yield self.brake()
 
     # Driving
 
@@ -216,6 +263,7 @@ class Pilot:
             if settings.robot.wheels and settings.robot.turning_radius == 0.0:
                 off = wrap(goal.yaw - odometry.heading)
             if not abs(off) > settings.yaw_tolerance:
+                self.brake()
                 return self.drop(f"arrived at {goal.xy}", End.ARRIVED)
             return self._turn(goal, odometry)
         if self.map is None:
@@ -244,6 +292,7 @@ class Pilot:
         if math.isnan(self.progress[0]) or math.dist(xy, self.progress[1]) >= settings.progress_radius:
             self.progress = (t, xy)
         elif goal.gives_up and t - self.progress[0] > settings.progress_time:
+            self.brake()
             return self.drop(f"no progress in {settings.progress_time:g} s", End.STUCK, ERROR)
         found = self._passed(self.policy.act, self._seen(odometry, self.started, self.scan), t)
         if isinstance(found, Answer):
@@ -269,6 +318,7 @@ class Pilot:
         afterwards; what passes it, and what it did, is returned. Without a guard process a command passes unchanged.
         """
         guard, did = self.guard_process, ""
+        keeper = guard or self.turner or (None if self.policy is None else self.policy.guard)
         try:
             if guard is not None:
                 self.number = guard.observe(replace(seen, t=t, stamp=t + seen.stamp - seen.t))
@@ -280,17 +330,13 @@ class Pilot:
             command, did = answer.command, answer.did
             if self.policy is not None:
                 self.policy.sent(seen, command)
+        self.guard = None if keeper is None or keeper.task.robot.stepwise else keeper
         if did == SILENT:
+            self.guard = None
             return self._wait(t, ERROR, "the guard's process is silent")
         acts = command.acts(seen, self.settings.robot)
         self._send(acts)
         return replace(command, twist=acts) if self.settings.robot.wheels else command, did
-
-    def rest(self) -> None:
-        """Let the guard process rest, because the robot is commanded to stand."""
-        if self.guard_process is not None and self.number:
-            self.guard_process.rest(self.number)
-            self.number = 0
 
     def _send(self, pair: XY) -> None:
         """Record a command that does not act yet."""
@@ -302,9 +348,13 @@ class Pilot:
         settings, t = self.settings, odometry.t
         if self.map is None or self.scan is None or abs(t - self.scan[0]) > settings.timeout:
             return self._wait(t, WARN, "waiting for a map and obstacles before it turns")
+        if self.guard is not None and self.turner is None:
+            self.policy = None
+            self.brake()
+            return self._hold(OK, "brakes before it turns to the goal's yaw")
         seen = self._seen(odometry, 0.0, (min(self.scan[0], t), self.scan[1]))
         _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), odometry.heading, settings.robot)
-        if self.guard is None:
+        if self.turner is None:
             self.progress = (t, odometry.xy)
             there = move_point(inverse(self.frame), goal.xy)
             task = Task(self.grid, settings.robot, seen.xy, there, **settings.task)
@@ -313,10 +363,11 @@ class Pilot:
                     self.guard_process.reset(task)
             except BadInput as wrong:
                 return self._wait(t, ERROR, f"the robot cannot turn: {wrong}")
-            self.guard = Guard()
-            self.guard.reset(task)
-        guard, self.waiting_since = self.guard, math.nan
+            self.turner = Guard()
+            self.turner.reset(task)
+        guard, self.waiting_since = self.turner, math.nan
         if goal.gives_up and t - self.progress[0] > settings.progress_time + math.pi / settings.robot.turn_rate:
+            self.brake()
             return self.drop(f"it cannot turn to the goal's yaw {goal.yaw:.2f} rad", End.STUCK, ERROR)
         found = self._passed(lambda seen: guard.limit(seen, Command(twist=(0.0, rate))), seen, t)
         if isinstance(found, Answer):
@@ -327,14 +378,13 @@ class Pilot:
         return Answer(self.command, OK, f"turns to the goal's yaw {goal.yaw:.2f} rad")
 
     def _wait(self, t: float, level: int, reason: str) -> Answer:
-        """Stand and keep the goal, until `wait_timeout` has passed."""
-        self.command = STAND
-        self._send(STAND.velocity)
+        """Stop and keep the goal, until `wait_timeout` has passed."""
+        self.brake()
         if math.isnan(self.waiting_since):
             self.waiting_since = t
         if self.goal is not None and self.goal.gives_up and t - self.waiting_since > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, level)
-        return Answer(STAND, level, reason)
+        return self._hold(level, reason)
 
     def _set_out(self, goal: Goal, here: XY) -> AntwayPolicy:
         """Return a newly started policy; its map is that of the goal's corridor, if it has one."""
