@@ -22,6 +22,7 @@ MEAN_REMOVED = 10  # average number of stops removed in an iteration
 LONGEST_STRING = 10  # largest number of stops in a removed string
 SPLIT = 0.5  # probability that some stops within a string stay
 MORE_STAY = 0.99  # probability that one more of them stays
+NEAR = 1e-9  # share of the end time; tolerance of sums of times
 BLINKS = np.uint64(100)  # one in so many places is skipped when a stop is inserted
 # Elements of the record of `anneal`.
 COST = 0  # objective of the current routes
@@ -77,10 +78,15 @@ def refresh(fleet: Fleet, r: Routes, k: int) -> None:
 
 @bare_kernel
 def objective(fleet: Fleet, r: Routes) -> tuple[float, float]:
-    """Return the prices of the stops left out plus the weighted times, and the sum of the priorities of the others."""
+    """Return the prices of the stops left out plus the weighted times, and the sum of the priorities of the others.
+
+    The objective of late routes is infinite: where the way through a stop is shorter, a route may become late without it.
+    """
     cost, worth, last = 0.0, 0.0, 0.0
     for k in range(len(r.sizes)):
         cost += fleet.sum_weight * r.travel[k]
+        if r.ready[k, 0] > r.latest[k, 0] + NEAR * (1.0 + r.ends[k]):
+            cost = np.inf
         last = max(last, r.ends[k])
     cost += fleet.last_weight * last
     for stop in range(1, len(r.route) - 1):
