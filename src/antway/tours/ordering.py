@@ -148,6 +148,11 @@ def order_stops(
         order, proven, pheromone = best_order(stops, clock, cycles, seed, None if known is None else known[0], learned, quick)
         orders = [order]
     answer = finished(stops, orders, 0.0, pheromone)
+    if answer.lateness > 0.0 and known is not None and len(known) == stops.robots:
+        before = finished(stops, known, 0.0, pheromone)
+        whole = len(np.unique(np.concatenate(known))) == len(stops.matrix)
+        if whole and (before.lateness, before.cost) < (answer.lateness, answer.cost):
+            answer = before
     if quick:
         bound = quick_bound(stops)
     elif stops.priorities is not None:
@@ -182,7 +187,7 @@ def finished(stops: Stops, orders: list[Order], bound: float, pheromone: Floats 
     """Return the `Ordering` of `orders`, with times computed from the matrix."""
     arrival, waiting, done, lateness = zip(*(stops.timing(order) for order in orders))
     cost = float(max(done)) if stops.objective == "makespan" else sum(stops.travel(order) for order in orders)
-    late = sum(lateness)
+    late = float(sum(lateness))
     if late <= _NEAR * (1.0 + max(done)):
         late = 0.0  # nothing but rounding errors of sums
     visited = np.unique(np.concatenate(orders))
