@@ -10,6 +10,7 @@ import pytest
 from antway import Grid
 from antway.kernels.base.geometry import timeline_at
 from antway.kernels.base.records import ACKERMANN, DIFFERENTIAL, HOLONOMIC, RobotLimits, RobotState, Trajectories
+from antway.kernels.robot import sweep
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
 from antway.kernels.robot.cycle import play
 from antway.kernels.robot.motion import delayed, drive_cycle, drive_roughly
@@ -228,3 +229,48 @@ def test_a_body_that_overlaps_a_wall_gets_out_of_it_without_delay() -> None:
             x, later = (twin.body_at(corners, *pose(m, s)[:3])[:, 0].min() for s in (first, first + 1e-4))
             assert x < 1e-6 and later < x + 1e-7
     assert min(told) > 10
+
+
+def some_walls(rng: np.random.Generator) -> Grid:
+    """A map with walls of one cell and of many, in rows, at angles and at the edges, or with one room in a solid wall."""
+    blocked = np.full((12, 14), rng.random() < 0.2)
+    for _ in range(3):
+        row, col, high, wide = *rng.integers(0, 12, 2), *rng.integers(1, 8, 2)
+        blocked[row : row + high, col : col + wide] = not blocked[0, 0]
+    diagonal = np.arange(8)
+    blocked[diagonal, diagonal + rng.integers(5)] |= rng.random() < 0.3
+    return Grid(blocked, 0.1, (0.5, -0.3, 0.0))
+
+
+def test_a_wall_is_met_where_the_first_of_its_cells_would_be_met_alone() -> None:
+    """Whether the body begins in the open, in contact, in a wall or beyond the edge: no cell that is left out matters."""
+    rng, told = np.random.default_rng(6), [0, 0, 0]
+    shapes = ([(0.0, 0.0)], [(0.3, 0.1), (-0.1, 0.1), (-0.1, -0.1), (0.3, -0.1)], [(0.02, 0.0), (-0.01, 0.01), (-0.01, -0.01)])
+    for _ in range(cases(150, 30_000)):
+        walls, corners = walls_of(some_walls(rng)), np.array(shapes[rng.integers(3)])
+        rounding = float(rng.choice([0.0, 0.05])) if len(corners) > 1 else 0.15
+        body = Body(corners, rounding, rounding + math.dist(corners[0], (0.0, 0.0)), np.zeros((1, 2)))
+        x, y = rng.uniform((0.4, -0.4), (2.0, 1.0))
+        theta = float(rng.choice([0.0, 0.25 * math.pi, rng.uniform(-4.0, 4.0)]))
+        m = rolling(x, y, theta, *rng.uniform((-2.0, -2.0, -4.0, -4.0), (2.0, 2.0, 4.0, 4.0)).tolist(), 0.3)
+        alone = [math.inf]
+        for cell in np.argwhere(walls.blocked).tolist() or [(0, 0)]:
+            blocked = np.zeros_like(walls.blocked)
+            blocked[tuple(cell)] = walls.blocked[tuple(cell)]
+            alone.append(meets_wall(m, 0.3, body, walls._replace(blocked=blocked)))
+        assert meets_wall(m, 0.3, body, walls) == min(alone)
+        told[(min(alone) > 0.0) + (min(alone) == math.inf)] += 1
+    assert min(told) > 10
+
+
+def test_only_cells_near_the_body_and_at_the_surface_of_walls_are_tested(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A car between solid walls, on a map with cells of 2.5 cm, once was tested against thousands of them every 5 cm."""
+    blocked, tested = np.ones((120, 200), np.bool_), []
+    blocked[45:75] = False
+    walls, corners = walls_of(Grid(blocked, 0.025)), np.array([(-0.3, -0.35), (0.9, -0.35), (0.9, 0.35), (-0.3, 0.35)])
+    for name in ("meets_wall", "_meets_near"):
+        monkeypatch.setattr(sweep, name, getattr(getattr(sweep, name), "py_func", getattr(sweep, name)))
+    monkeypatch.setattr(sweep, "_meets_square", lambda *at: (tested.append(at), (math.inf, False))[1])
+    m, body = sweep.straight(1.0, 1.5, 0.0, 1.0, 0.0, 0.0, 0.0), Body(corners, 0.0, math.hypot(0.9, 0.35), np.zeros((1, 2)))
+    assert sweep.meets_wall(m, 0.049, body, walls) == math.inf
+    assert 100 < len(tested) < 120

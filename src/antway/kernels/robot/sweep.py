@@ -22,6 +22,7 @@ from antway.kernels.robot.motion import along
 _CLOSE = 1e-12  # m; a smaller gap that is closing is a contact
 _DIP = 1e-3  # m; by how much the gap between two samples may be smaller than at both
 _LEAST = 1e-9  # s; the shortest step of conservative advancement
+_SLACK = 1e-6  # m; cells farther than this from every place of the body are left out
 
 
 class Body(NamedTuple):
@@ -352,7 +353,7 @@ def meets_wall(m: Segment, h: float, body: Body, walls: Walls) -> float:
             s += free / fastest if fastest > 0.0 else math.inf
             continue
         end = min(s + window / fastest, h) if fastest > 0.0 else h
-        first = _meets_near(m, at, s, end, body, body.radius + fastest * (end - s), walls)
+        first = _meets_near(m, at, s, end, body, fastest * (end - s), walls)
         if first < math.inf:
             return first
         s = end
@@ -360,44 +361,89 @@ def meets_wall(m: Segment, h: float, body: Body, walls: Walls) -> float:
 
 
 @bare_kernel
-def _meets_near(m: Segment, at: Pose, start: float, end: float, body: Body, nearby: float, walls: Walls) -> float:
-    """Return the first contact in [start, end] with the map's edges and with cells within `nearby` m of the pose at `start`."""
-    x, y = at.x, at.y
+def _meets_near(m: Segment, at: Pose, start: float, end: float, body: Body, moved: float, walls: Walls) -> float:
+    """Return the first contact in [start, end] with the map's edges and with blocked cells; `at` is the pose at `start`.
+
+    A cell among blocked ones is tested only if the body touches a wall at `start`: from free space it meets others first.
+    The body's centre moves by at most `moved` m.
+    """
     rows, cols = walls.blocked.shape
-    size = walls.resolution
-    best = math.inf
+    size, corners, (x, y, theta) = walls.resolution, body.corners, (at.x, at.y, at.theta)
+    best, touches = math.inf, False
     for side in range(4):
         nx, ny = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[side]
         edge = (walls.x0, -(walls.x0 + cols * size), walls.y0, -(walls.y0 + rows * size))[side]
-        if nx * x + ny * y - edge > nearby + TOUCH:
+        if nx * x + ny * y - edge > body.radius + moved + TOUCH:
             continue
-        s, last = start, min(end, best)
-        while s <= last:
-            gap, opening, time = axis_gap(m, pose(m, s), body.corners, nx, ny, edge + body.rounding - TOUCH, 0.0, 0.0)
+        t, last = start, min(end, best)
+        while t <= last:
+            gap, opening, time = axis_gap(m, pose(m, t), corners, nx, ny, edge + body.rounding - TOUCH, 0.0, 0.0)
+            touches = touches or (gap <= _CLOSE and t == start)
             if gap <= _CLOSE and opening < 0.0:
-                best = s
+                best = t
                 break
-            s += max(time, _LEAST)
-    low, high = (y - walls.y0 - nearby) / size, (y - walls.y0 + nearby) / size
-    left, right = (x - walls.x0 - nearby) / size, (x - walls.x0 + nearby) / size
-    for i in range(max(math.floor(low), 0), min(math.floor(high), rows - 1) + 1):
-        for j in range(max(math.floor(left), 0), min(math.floor(right), cols - 1) + 1):
-            if walls.blocked[i, j]:
-                cx, cy = walls.x0 + (j + 0.5) * size, walls.y0 + (i + 0.5) * size
-                best = min(best, _meets_square(m, start, min(end, best), body, cx, cy, 0.5 * size))
+            t += max(time, _LEAST)
+    turn = max(abs(m.w + m.b * start), abs(m.w + m.b * end))
+    reach = moved + turn * (end - start) * (body.radius - body.rounding) + body.rounding + _SLACK
+    c, s = math.cos(theta), math.sin(theta)
+    x0 = y0 = u0 = v0 = math.inf  # the box around the corners, along the map and along the body
+    x1 = y1 = u1 = v1 = -math.inf
+    px, py = x, y
+    for k in range(len(corners)):
+        u, v = corners[k, 0], corners[k, 1]
+        px, py = x + c * u - s * v, y + s * u + c * v
+        x0, y0, x1, y1 = min(x0, px), min(y0, py), max(x1, px), max(y1, py)
+        u0, v0, u1, v1 = min(u0, u), min(v0, v), max(u1, u), max(v1, v)
+    i, j = math.floor((py - walls.y0) / size), math.floor((px - walls.x0) / size)
+    touches = touches or not (0 <= i < rows and 0 <= j < cols) or walls.blocked[i, j]  # the body may be inside a wall
+    top, bottom = math.floor((y0 - reach - walls.y0) / size), math.floor((y1 + reach - walls.y0) / size)
+    left, right = math.floor((x0 - reach - walls.x0) / size), math.floor((x1 + reach - walls.x0) / size)
+    reach += 0.5 * math.sqrt(2.0) * size  # from the body to the centre of a cell that it may meet
+    for buried in (False, True):
+        if buried and not touches:
+            break
+        for i in range(max(top, 0), min(bottom, rows - 1) + 1):
+            j, cy = max(left, 0), walls.y0 + (i + 0.5) * size
+            while j <= min(right, cols - 1) and best > start:
+                if walls.blocked[i, j]:
+                    cx = walls.x0 + (j + 0.5) * size
+                    u, v = c * (cx - x) + s * (cy - y), c * (cy - y) - s * (cx - x)
+                    near = u0 - reach < u < u1 + reach and v0 - reach < v < v1 + reach
+                    if near and _buried(walls, i, j) == buried:
+                        first, touched = _meets_square(m, at, start, min(end, best), body, cx, cy, 0.5 * size)
+                        best, touches = min(best, first), touches or touched
+                j += max(int(walls.clearance[i, j] / size + 0.5), 1)  # no cell on the way there is blocked
     return best
 
 
 @bare_kernel
-def _meets_square(m: Segment, start: float, end: float, body: Body, cx: float, cy: float, half: float) -> float:
-    """Return the first contact in [start, end] with the square around (cx, cy) whose edges are 2 `half` m long."""
-    s = start
+def _buried(walls: Walls, i: int, j: int) -> bool:
+    """Tell whether the eight cells around a cell are blocked or outside the map."""
+    rows, cols = walls.blocked.shape
+    for r in range(max(i - 1, 0), min(i + 2, rows)):
+        for c in range(max(j - 1, 0), min(j + 2, cols)):
+            if not walls.blocked[r, c]:
+                return False
+    return True
+
+
+@bare_kernel
+def _meets_square(
+    m: Segment, at: Pose, start: float, end: float, body: Body, cx: float, cy: float, half: float
+) -> tuple[float, bool]:
+    """Return the first contact in [start, end] with a square, and whether the body touches the square at `start`.
+
+    The square is that around (cx, cy) whose edges are 2 `half` m long; `at` is the pose at `start`.
+    """
+    s, touches = start, False
     while s <= end:
-        at = pose(m, s)
+        if s > start:
+            at = pose(m, s)
         nx, ny = square_axis(at, body.corners, cx, cy, half)
         level = nx * cx + ny * cy + half * (abs(nx) + abs(ny)) + body.rounding - TOUCH
         gap, opening, time = axis_gap(m, at, body.corners, nx, ny, level, 0.0, 0.0)
+        touches = touches or (gap <= _CLOSE and s == start)
         if gap <= _CLOSE and opening < 0.0:
-            return s
+            return s, touches
         s += max(time, _LEAST)
-    return math.inf
+    return math.inf, touches
