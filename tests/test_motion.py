@@ -244,7 +244,7 @@ def some_walls(rng: np.random.Generator) -> Grid:
 
 def test_a_wall_is_met_where_the_first_of_its_cells_would_be_met_alone() -> None:
     """Whether the body begins in the open, in contact, in a wall or beyond the edge: no cell that is left out matters."""
-    rng, told = np.random.default_rng(6), [0, 0, 0]
+    rng, told = np.random.default_rng(3), [0, 0, 0]
     shapes = ([(0.0, 0.0)], [(0.3, 0.1), (-0.1, 0.1), (-0.1, -0.1), (0.3, -0.1)], [(0.02, 0.0), (-0.01, 0.01), (-0.01, -0.01)])
     for _ in range(cases(150, 30_000)):
         walls, corners = walls_of(some_walls(rng)), np.array(shapes[rng.integers(3)])
