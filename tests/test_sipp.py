@@ -25,7 +25,8 @@ def test_timed_moves_against_samples(moves):
     step = moves.lengths.max() / 40 / 2
     for _ in range(cases(6, 300)):
         grid = random_grid(rng, 1, 8, (0.0, 0.3))
-        radius = rng.uniform(0.05, 1.5)
+        blocked = grid.blocked.repeat(3, axis=0).repeat(3, axis=1) if rng.random() < 0.3 else grid.blocked
+        grid, radius = Grid(blocked), rng.uniform(0.05, 1.5)
         mask = timed_moves(grid, radius, moves)
         legal, margin = naive.move_mask(grid.blocked, moves.offsets, radius)
         bits = (mask[..., None] >> np.arange(len(moves.offsets), dtype=np.uint32) & 1).astype(bool)

@@ -43,34 +43,38 @@ def move_mask(
     """
     height, width = blocked.shape
     rows, cols = (height - first_row + stride - 1) // stride, (width - first_col + stride - 1) // stride
-    around = stride * longest(offsets) + math.ceil(radius) + 1
-    walls = np.full((height + 2 * around, width + 2 * around), 0xFFFFFFFF, np.uint32)
-    for row in range(height):  # loops, because expressions of whole arrays take seconds to compile
-        for col in range(width):
-            if not blocked[row, col]:
-                walls[row + around, col + around] = 0
-    mask = np.full((rows, cols), 0xFFFFFFFF >> (32 - len(offsets)), np.uint32)
+    around, every = stride * longest(offsets) + math.ceil(radius) + 1, np.uint32(0xFFFFFFFF >> (32 - len(offsets)))
+    hit = np.zeros((2 * around + 1, 2 * around + 1), np.uint32)  # moves whose stencil contains the cell at an offset, mirrored
     body, rim = max(radius, 1e-6), max(radius, 1e-6) + 0.5
     for r in range(-around, around + 1):
         for c in range(-around, around + 1):
-            hit = np.uint32(0)  # bits of the moves whose stencil contains the cell at offset (r, c)
+            if math.hypot(max(abs(r) - 0.5, 0.0), max(abs(c) - 0.5, 0.0)) < body - 1e-6:  # every stencil contains the disc
+                hit[around + r, around - c] = every
+                continue
             for k in range(len(offsets)):
                 dr, dc = float(stride * offsets[k, 0]), float(stride * offsets[k, 1])
                 near = min(0.0, dr) - rim < r < max(0.0, dr) + rim and min(0.0, dc) - rim < c < max(0.0, dc) + rim
                 if near and segment_hits_square(0.0, 0.0, dr, dc, float(r), float(c), body):
-                    hit |= np.uint32(1) << np.uint32(k)
-            if hit:
-                top, left = around + first_row + r, around + first_col + c
-                for row in range(rows):
-                    legal = mask[row]
-                    if stride == 1:  # this loop works on many cells at once
-                        wall = walls[top + row, left : left + cols]
-                        for col in range(cols):
-                            legal[col] &= ~(wall[col] & hit)
-                    else:
-                        wall = walls[top + stride * row, left : left + stride * cols]
-                        for col in range(cols):
-                            legal[col] &= ~(wall[stride * col] & hit)
+                    hit[around + r, around - c] |= np.uint32(1) << np.uint32(k)
+    walls = np.ones((height + 4, width + 4), np.bool_)
+    for row in range(height):  # loops, because expressions of whole arrays take seconds to compile
+        for col in range(width):
+            walls[row + 2, col + 2] = blocked[row, col]
+    mask = np.empty((rows, cols), np.uint32)
+    for i in range(rows):
+        for j in range(cols):
+            mask[i, j] = 0 if blocked[first_row + stride * i, first_col + stride * j] else every
+    # Of the cells that a disc touches, the first one on the way from a free node has a free neighbour.
+    for row in range(-1, height + 1):
+        for col in range(-1, width + 1):
+            if not walls[row + 2, col + 2] or walls[row + 1 : row + 4, col + 1 : col + 4].all():
+                continue
+            south, west = row - first_row, col - first_col
+            top, left = max(-((around - south) // stride), 0), max(-((around - west) // stride), 0)
+            for i in range(top, min((south + around) // stride + 1, rows)):
+                legal, hits = mask[i], hit[around + south - stride * i]
+                for j in range(left, min((west + around) // stride + 1, cols)):
+                    legal[j] &= ~hits[around - west + stride * j]
     return mask
 
 
