@@ -384,7 +384,7 @@ def _meets_near(m: Segment, at: Pose, start: float, end: float, body: Body, move
                 break
             t += max(time, _LEAST)
     turn = max(abs(m.w + m.b * start), abs(m.w + m.b * end))
-    reach = moved + turn * (end - start) * (body.radius - body.rounding) + body.rounding + _SLACK
+    beyond = moved + turn * (end - start) * (body.radius - body.rounding) + body.rounding + _SLACK
     c, s = math.cos(theta), math.sin(theta)
     x0 = y0 = u0 = v0 = math.inf  # the box around the corners, along the map and along the body
     x1 = y1 = u1 = v1 = -math.inf
@@ -396,9 +396,9 @@ def _meets_near(m: Segment, at: Pose, start: float, end: float, body: Body, move
         u0, v0, u1, v1 = min(u0, u), min(v0, v), max(u1, u), max(v1, v)
     i, j = math.floor((py - walls.y0) / size), math.floor((px - walls.x0) / size)
     touches = touches or not (0 <= i < rows and 0 <= j < cols) or walls.blocked[i, j]  # the body may be inside a wall
-    top, bottom = math.floor((y0 - reach - walls.y0) / size), math.floor((y1 + reach - walls.y0) / size)
-    left, right = math.floor((x0 - reach - walls.x0) / size), math.floor((x1 + reach - walls.x0) / size)
-    reach += 0.5 * math.sqrt(2.0) * size  # from the body to the centre of a cell that it may meet
+    top, bottom = math.floor((y0 - beyond - walls.y0) / size), math.floor((y1 + beyond - walls.y0) / size)
+    left, right = math.floor((x0 - beyond - walls.x0) / size), math.floor((x1 + beyond - walls.x0) / size)
+    beyond += 0.5 * math.sqrt(2.0) * size  # from the body to the centre of a cell that it may meet
     for buried in (False, True):
         if buried and not touches:
             break
@@ -408,7 +408,7 @@ def _meets_near(m: Segment, at: Pose, start: float, end: float, body: Body, move
                 if walls.blocked[i, j]:
                     cx = walls.x0 + (j + 0.5) * size
                     u, v = c * (cx - x) + s * (cy - y), c * (cy - y) - s * (cx - x)
-                    near = u0 - reach < u < u1 + reach and v0 - reach < v < v1 + reach
+                    near = u0 - beyond < u < u1 + beyond and v0 - beyond < v < v1 + beyond
                     if near and _buried(walls, i, j) == buried:
                         first, touched = _meets_square(m, at, start, min(end, best), body, cx, cy, 0.5 * size)
                         best, touches = min(best, first), touches or touched
