@@ -108,7 +108,8 @@ def order_stops(
     objective : str
         "travel time" (the sum over all robots) or "makespan" (the end time of the last robot).
     seconds, cycles : float, int or None
-        When to stop, whichever comes first; with neither, after 1 s.
+        When to stop, whichever comes first; with neither, after 1 s. One cycle and the bound are always completed: they take
+        about 0.6 s of processor time for 1,000 stops without windows, 4 s for 3,000.
     seed : int
         In [0, 2**64 - 1]. The same seed and number of cycles give the same bytes.
     initial : Ordering, sequence of int, or None
