@@ -24,6 +24,7 @@ from antway.kernels.tracking.predict import (
     NAME,
     NO_PREDICTIONS,
     RADIUS,
+    SIGMA,
     SIGMA_V,
     VX,
     VY,
@@ -272,6 +273,20 @@ def test_the_nearest_of_all_pairs_keeps_its_name_first() -> None:
     *new, old = names(0.6, [(9.0, 9.0), (1.9, 1.0), (1.6, 1.1)])
     assert old == a and not {a, b} & set(new) and len(set(new)) == 2
     assert names(0.7, [(4.7, 1.0)]) == [b], "unseen for one scan"
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.1])
+def test_covariances_that_are_too_large_are_scaled_down(wrong: float) -> None:
+    """To what places show, and not below; a strict guard keeps what the sensor states."""
+    rng, covariance = np.random.default_rng(1), np.tile(np.eye(4), (6, 1, 1))
+    trackers = Tracker(), Tracker(True)
+    for i in range(60):
+        xy = np.arange(12.0).reshape(6, 2) + 0.1 * i + rng.normal(0.0, wrong, (6, 2))
+        for tracker in trackers:
+            tracker.update(Tracks(np.arange(6), xy, np.ones((6, 2)), np.full(6, 0.3), covariance), 0.1 * i)
+    relaxed, strict = (tracker.estimates[:, SIGMA].max() for tracker in trackers)
+    assert (0.02 < relaxed < 0.15 if wrong else relaxed < 0.01) and strict > 0.2
+    assert trackers[0].estimates[0, SIGMA_V] < 0.5
 
 
 def test_covariances_count_in_every_direction() -> None:

@@ -17,10 +17,11 @@ from antway.kernels.tracking.table import row_of
 # Columns of a row: the last measurement of a track, and the time between its last two, NaN where there was one.
 _NAME, _T, _X, _Y, _VX, _VY, _DT = range(7)
 COLUMNS = 7
+MEDIAN = 4.0 * math.log(2.0)  # 1; the median of the squared innovations by the variance of measured places
 _LEAST = 1e-8  # m^2; a smaller variance counts as none
 _STEP = 0.1  # 1; each innovation changes the logarithm of the median by this.
 _FIRST_STEPS = 2.0  # 1; the n-th innovation without measured velocities changes it by this / n, if that is more than `_STEP`.
-_UNSEEN = 4.0 * math.log(2.0) * 0.05**2  # m^2; the median at first, if velocities are not measured: less would give wrong ones
+_UNSEEN = MEDIAN * 0.05**2  # m^2; the median at first, if velocities are not measured: less would give wrong ones
 _FAR = 0.5  # s; an older measurement is not compared
 
 
@@ -83,5 +84,5 @@ def place_noise(
         rows[i, _NAME], rows[i, _T], rows[i, _X], rows[i, _Y], rows[i, _DT] = name[k], t, xy[k, 0], xy[k, 1], dt
         rows[i, _VX], rows[i, _VY] = vx, vy
     state[0] = count
-    variance: float = state[1] / (4.0 * math.log(2.0))
+    variance: float = state[1] / MEDIAN
     return variance if variance > _LEAST else 0.0

@@ -168,7 +168,7 @@ class AntwayPolicy:
 
     def _start(self, task: Task, seed: int, response: Response) -> None:
         """Make the state of an episode."""
-        robot, settings, controls, tracker = task.robot, make_settings(self, task), None, Tracker()
+        robot, settings, controls, tracker = task.robot, make_settings(self, task), None, Tracker(self.mode == "strict")
         fine = task if robot.stepwise else with_fine_cells(task)
         over_cells, start, goal = planning_context(fine, self.moves)
         kept = over_cells if robot.stepwise else away_from_walls(fine, over_cells, start, goal, self.moves)

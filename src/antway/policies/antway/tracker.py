@@ -19,11 +19,18 @@ _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter 
 _NEAR = 0.8  # m; a track without a name is matched if it is nearer than this to its predicted place
 NAMELESS = 2**52  # tracks that the sensor gives no name are named by numbers from here on; above, floats lose whole numbers
 _LARGEST_NAME = 2.0**63 - 1024.0  # the largest float that is a whole number of 64 bits
+_MEASURED = 0.9 * kalman.UNKNOWN**2  # m^2/s^2; a measured velocity is known better than one that is not measured
 _NOISY = 1e-4  # m^2; above this median of the squared innovations, the guard is given estimates instead of measurements
 
 
 class Tracker:
     """Filters the tracks of one episode.
+
+    Parameters
+    ----------
+    strict : bool
+        Whether covariances are taken as the sensor states them. Otherwise those of measurements are scaled down to what innovations
+        show.
 
     Attributes
     ----------
@@ -39,7 +46,8 @@ class Tracker:
         Whether the velocities that the sensor reports are not used, because they do not foretell places.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, strict: bool = False) -> None:
+        self._strict = strict
         self.table, self.count = np.zeros((ROWS, kalman.COLUMNS)), 0
         self._estimates = np.zeros((ROWS, 8))
         self.estimates = self._estimates[:0]
@@ -113,8 +121,15 @@ class Tracker:
         variance = self._variance[: len(tracks)]
         if tracks.covariance is not None:
             # A filter correlates place and velocity.
-            filtered = np.where(tracks.covariance[:, :2, 2:].any(axis=(1, 2)), -1.0, 1.0)
-            variance[:, 0], variance[:, 1] = tracks.variances(0) * filtered, tracks.variances(2) * filtered
+            filtered = tracks.covariance[:, :2, 2:].any(axis=(1, 2))
+            variance[:, 0], variance[:, 1] = tracks.variances(0), tracks.variances(2)
+            # Many trackers state errors that are far too large. What a filter shows is smoother than its errors.
+            if not self._strict and len(tracks) and not filtered.any():
+                self._noise[1] = self._noise[1] or noise.MEDIAN * float(np.median(variance[:, 0]))
+                shown = noise.place_noise(self._measured, self._noise, t, tracks.id, tracks.xy, tracks.velocity)
+                variance *= np.minimum(shown / np.maximum(variance[:, :1], 1e-12), 1.0)
+                variance[:, 1] = np.minimum(variance[:, 1], _MEASURED)
+            variance[filtered] *= -1.0
         else:
             variance[:, 0] = noise.place_noise(self._measured, self._noise, t, tracks.id, tracks.xy, tracks.velocity)
             variance[:, 1] = 0.0
