@@ -29,8 +29,7 @@ class Tracker:
     Parameters
     ----------
     strict : bool
-        Whether covariances are taken as the sensor states them. Otherwise those of measurements are scaled down to what innovations
-        show.
+        Whether covariances are taken as stated. Otherwise those of measurements are scaled down to what innovations show.
 
     Attributes
     ----------
