@@ -213,7 +213,7 @@ class Observation:
     0.5
     """
 
-    t: float  # s
+    t: float  # s; after a clock that goes back, the guard brakes until the old time is reached, unless `reset` is called
     xy: XY  # m
     velocity: XY  # m/s
     heading: float  # rad
