@@ -177,7 +177,7 @@ class Tracker:
         seen, self.next_name = with_names(seen, t, self.table[: self.count], self.next_name)
         variance = np.column_stack((np.full(len(seen), self.noise**2), np.zeros(len(seen))))
         scan = seen.id, seen.xy, seen.velocity, seen.radius, variance
-        self.count, known = kalman.update(self.table, self.count, t, *scan, self.agility, self.estimates)
+        self.count, known, _, _ = kalman.update(self.table, self.count, t, *scan, self.agility, self.estimates)
         table, estimate = self.table[:known], self.estimates[:known]
         covariance = np.zeros((known, 4, 4))
         age = t - table[:, kalman.T]

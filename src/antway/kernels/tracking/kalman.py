@@ -38,8 +38,10 @@ def update(
     variance: NDArray[np.float64],
     agility: float,
     estimates: NDArray[np.float64],
-) -> tuple[int, int]:
-    """Update the track table with one scan; return the number of its rows and the number of estimates written.
+) -> tuple[int, int, float, bool]:
+    """Update the track table with one scan; return the number of its rows and what was seen.
+
+    The latter are the number of estimates written, the speed of the fastest one, m/s, and whether the scan has all velocities.
 
     Parameters
     ----------
@@ -57,9 +59,11 @@ def update(
     estimates : float64[N, 8]
         Filled with the tracks that were seen within the last second, predicted to time `t`.
     """
+    measured, fastest = True, 0.0
     for k in range(len(name)):
         i = row_of(table, count, NAME, float(name[k]))
         known = not math.isnan(velocity[k, 0] + velocity[k, 1])
+        measured = measured and known
         is_new, filtered = i == count, variance[k, 0] < 0.0
         if is_new or filtered:
             if is_new and count == len(table):
@@ -111,13 +115,16 @@ def update(
         estimate[VX], estimate[VY], estimate[RADIUS], estimate[NAME] = row[VX], row[VY], row[RADIUS], row[NAME]
         estimate[SIGMA] = math.sqrt(max(row[P11] + 2 * age * row[P12] + age * age * row[P22], 0.0))
         estimate[SIGMA_V] = math.sqrt(max(row[P22], 0.0))
-    return count, known_tracks
+        fastest = max(fastest, math.hypot(row[VX], row[VY]))
+    return count, known_tracks, fastest, measured
 
 
 @kernel
-def jumped(table: NDArray[np.float64], t: float, name: NDArray[np.int64], xy: NDArray[np.float64]) -> bool:
-    """Tell whether a known track is farther than `FAR` from where it was predicted to be at time `t` s."""
+def needs_names(table: NDArray[np.float64], t: float, name: NDArray[np.int64], xy: NDArray[np.float64]) -> bool:
+    """Tell whether a track has no name, or is farther than `FAR` from where the one of its name was predicted at time `t` s."""
     for k in range(len(name)):
+        if name[k] < 0:
+            return True
         i = row_of(table, len(table), NAME, float(name[k]))
         if i < len(table):
             row, age = table[i], t - table[i, T]

@@ -55,6 +55,7 @@ class Tracker:
         self._last, self._errors = np.zeros((MOST_ROWS, reported.COLUMNS)), np.zeros(4)  # see kernels/tracking/reported.py
         self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
         self._seen = np.zeros((ROWS, bounces.COLUMNS))  # see kernels/tracking/turns.py
+        self._has_velocities = True  # whether the sensor measured those of all tracks in the last scan
         self.doubts_velocities = False
         self._forget()
         self._next_name = NAMELESS
@@ -82,10 +83,10 @@ class Tracker:
     def update(self, tracks: Tracks, t: float) -> None:
         """Update the estimates with a scan at time `t` s."""
         scan = tracks.id, tracks.xy, tracks.velocity, tracks.radius, self._variances(tracks, t)
-        self.count, known = kalman.update(self.table, self.count, t, *scan, _AGILITY, self._estimates)
-        self.estimates = self._estimates[:known]
-        if known:
-            self.fastest = max(self.fastest, float(np.hypot(self.estimates[:, VX], self.estimates[:, VY]).max()))
+        self.count, known, fastest, self._has_velocities = kalman.update(
+            self.table, self.count, t, *scan, _AGILITY, self._estimates
+        )
+        self.estimates, self.fastest = self._estimates[:known], max(self.fastest, fastest)
 
     @property
     def last_seen(self) -> NDArray[np.float64]:
@@ -143,7 +144,7 @@ class Tracker:
         noisy, covariance = self._noise[1] > _NOISY, seen.tracks.covariance
         if strict and covariance is None:
             return self._with_noise(seen) if noisy else seen
-        if covariance is not None or noisy or bool(np.isnan(seen.tracks.velocity).any()):
+        if covariance is not None or noisy or not self._has_velocities:
             return self._as_estimated(seen)
         return seen
 
@@ -190,8 +191,7 @@ def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int)
     first : int
         New names are the least from here on that nobody has.
     """
-    suspect = first > NAMELESS or kalman.jumped(table, t, tracks.id, tracks.xy)
-    if not suspect and (not len(tracks) or tracks.id.min() >= 0):
+    if first <= NAMELESS and not kalman.needs_names(table, t, tracks.id, tracks.xy):
         return tracks, first
     age = t - table[:, kalman.T]
     place = table[:, X : Y + 1] + table[:, VX : VY + 1] * age[:, None]
