@@ -134,7 +134,7 @@ def test_a_rollout_that_could_not_stop_behind_the_goal_costs_more(robot: RobotSp
     colony.problem = colony.problem._replace(start=RobotState(8.0, 4.1, 0.0, 0.5, 0.0))
     field, weights = colony.problem.field, colony.problem.weights._replace(progress=0.0)
     edge = (field.wall.shape[1] - 1) / field.wall_frame[2] - robot.radius
-    problem = colony.problem._replace(field=field._replace(goal=np.array([edge - 0.15, 4.1, 0.2])), weights=weights)
+    problem = colony.problem._replace(field=field._replace(goal=np.array([edge - 0.15, 4.1, 0.2, math.inf])), weights=weights)
     for speed in (0.4, 0.7, 1.0):
         controls, path = np.full((len(colony.problem.outlook.near), 2), (speed, 0.0)), np.zeros((60, 2))
         cost = judge(controls, problem, math.inf, path)

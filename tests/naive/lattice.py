@@ -67,7 +67,8 @@ def _drive(
         if clearance(field, at, w.wall_margin) < w.wall_margin or here >= w.contact:
             return None
         harm += here
-        if math.hypot(at.x - field.goal[0], at.y - field.goal[1]) < field.goal[2]:
+        pace = math.hypot(at.a, at.b)
+        if math.hypot(at.x - field.goal[0], at.y - field.goal[1]) < field.goal[2] and pace <= field.goal[3]:
             return at, harm, q + 1, True
     return at, harm, len(commands), False
 

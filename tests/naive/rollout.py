@@ -37,7 +37,10 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
     """The cost as its definition says it, of a robot that drives exactly."""
     state, limits, dt, field, outlook, w = problem
     now, cost, harm = state, 0.0, dict.fromkeys(range(len(outlook.harm)), 0.0)
+    arrived = math.inf  # the step at the end of which the robot is at the goal
     for k, (ca, cb) in enumerate(controls.tolist()):
+        if k * dt > arrived * dt + max(w.stopping_time - dt, 0.0) + 1e-9:
+            ca = cb = 0.0
         before, now = np.array(now[:2]), drive_cycle(now, ca, cb, limits, dt)
         x, y, theta, a, b = now
         theta = theta if limits.drive else state.theta  # without wheels a footprint keeps its heading
@@ -85,12 +88,17 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
             reach = contact + 0.5 * w.swerve * t * t + top * (late - t)
             short = max(min(contact + top * late - far, reach - drifted), 0.0)
             cost += w.stop * short * (3.0 if k == 0 else decay)
-        if math.hypot(x - field.goal[0], y - field.goal[1]) < field.goal[2]:
-            return cost + sum(harm.values()) - (len(controls) - 1 - k) * dt
+        cost -= w.stand if k == 0 and a == b == 0.0 else 0.0
+        pace = math.hypot(a, b)
+        if math.hypot(x - field.goal[0], y - field.goal[1]) < field.goal[2] and pace <= field.goal[3]:
+            arrived = min(arrived, k)
+        if arrived < math.inf:
+            continue
         px, py, left = outlook.plan[k].tolist()
         value = max(bilinear(field.time, x, y, field.time_frame), 0.0, left + w.off_plan * math.hypot(x - px, y - py))
         cost += w.progress * value
-    return cost + sum(harm.values()) + value + lost_of(now, limits, field)
+    cost += sum(harm.values())
+    return cost + value + lost_of(now, limits, field) if arrived == math.inf else cost - (len(controls) - 1 - arrived) * dt
 
 
 def lost_of(state: tuple[float, ...], limits: RobotLimits, field: StaticField) -> float:

@@ -90,6 +90,7 @@ class Mppi(Follow):
             off_plan=0.0,
             stop=0.0,
             stopping_time=0.0,
+            stand=0.0,
             swerve=math.inf,
         )
         self.problem = ControlProblem(

@@ -65,7 +65,7 @@ def static_field(task: Task, time_to_goal: NDArray[np.float64]) -> StaticField:
     factor = max(min(math.ceil(size / _NODE - 1e-9), math.isqrt(_NODES // grid.blocked.size)), 1)
     wall = wall_distance(grid.blocked, size, factor) - np.float32(task.robot.radius)
     frame, empty = np.array([x, y, factor / size]), np.empty((0, 0), np.float32)
-    end, (box, discs) = np.array([*task.goal, task.goal_tolerance]), _body(task.robot)
+    end, (box, discs) = np.array([*task.goal, task.goal_tolerance, math.inf]), _body(task.robot)
     field = StaticField(wall, frame, empty, np.zeros(3), end, box, discs, empty[None], np.zeros(3))
     return with_times(field, task, time_to_goal)
 

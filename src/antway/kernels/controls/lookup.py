@@ -43,9 +43,9 @@ def time_to_go(field: StaticField, at: MotionState) -> float:
 
 @inner_kernel
 def at_goal(field: StaticField, at: MotionState) -> bool:
-    """Tell whether the robot's centre is within the goal's tolerance."""
-    dx, dy = at.x - field.goal[0], at.y - field.goal[1]
-    return bool(dx * dx + dy * dy < field.goal[2] * field.goal[2])
+    """Tell whether the robot's centre is within the goal's tolerance, and slow enough."""
+    dx, dy, goal = at.x - field.goal[0], at.y - field.goal[1], field.goal
+    return bool(dx * dx + dy * dy < goal[2] * goal[2] and at.a * at.a + at.b * at.b <= goal[3] * goal[3])
 
 
 @inner_kernel

@@ -25,7 +25,7 @@ class StaticField(NamedTuple):
     wall_frame: NDArray[np.float64]  # [3]
     time: NDArray[np.float32]  # [H, W] s; time to the goal from the centres of cells
     time_frame: NDArray[np.float64]  # [3]
-    goal: NDArray[np.float64]  # [3] m; x, y and tolerance
+    goal: NDArray[np.float64]  # [4] x, y and tolerance, m; a faster robot has not arrived, m/s
     box: NDArray[np.float64]  # [5] m; a box around the footprint, low and high x and y in the robot's frame; the disc's radius
     discs: NDArray[np.float64]  # [D, 3] m; discs that cover that box: x, y, and how much smaller than the robot's disc each is;
     # there are none for a robot that is a disc
@@ -60,6 +60,7 @@ class CostWeights(NamedTuple):
     off_plan: float  # s/m; added to the time that the plan still takes, for each metre between the robot and the plan
     stop: float  # s/m; at each step, for the depth to which an obstacle could enter the robot's stop from there
     stopping_time: float  # s; delay before a stop begins
+    stand: float  # s; gained by a robot that stands after the first period, so that it does not move for less
     swerve: float  # m/s^2; bound on the change of obstacles' velocities, but where walls change them
 
 

@@ -203,19 +203,21 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
     At the end of each step, the time to go is the static one or, if that is more, the time that the plan still takes from its
     place at that time, plus the path to that place: behind a moving obstacle the static time is too short. The time that a car
     loses to turns is added. At the end of the sequence the time to go itself is added, and what the robot will still lose to
-    ramps and turns. A rollout that reaches the goal ends there.
+    ramps and turns. A robot that reaches the goal brakes as soon as a command that is given there acts; what it meets until it
+    stands counts as before.
     """
     limits, dt, field, outlook, w = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights
-    at = motion_state(problem.start)
-    steps, rows = len(controls), len(path)
+    at, goal = motion_state(problem.start), MotionState(math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)
+    steps, rows, brakes = len(controls), len(path), len(controls)
     cost, decay = 0.0, 1.0
     outlook.harm[:] = 0.0
     decay_of_step = math.exp(-w.decay * dt)
     for k in range(steps):
-        before, at = at, step(at, controls[k, 0], controls[k, 1], limits, dt)
-        left = steps - 1 - k
+        one, two = (controls[k, 0], controls[k, 1]) if k < brakes else (0.0, 0.0)
+        before, at = at, step(at, one, two, limits, dt)
+        left, stands = steps - 1 - k, at.a == 0.0 and at.b == 0.0
         if k < rows:
-            path[k, 0], path[k, 1] = at.x, at.y
+            path[k, 0], path[k, 1] = (at.x, at.y) if math.isnan(goal.x) else (goal.x, goal.y)
         wall = clearance(field, at, w.wall_margin + w.wall_range)
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
@@ -224,10 +226,18 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
         if outlook.near[k] > 0:
             cost += obstacle_cost(before, at, k, decay, problem)
         decay *= decay_of_step
-        if at_goal(field, at):
-            for j in range(k + 1, rows):
-                path[j, 0], path[j, 1] = at.x, at.y
-            return cost + w.wall * decay * _stop_behind_wall(at, limits, field) - left * dt
+        if k == 0 and stands:
+            cost -= w.stand
+        if math.isnan(goal.x) and at_goal(field, at):
+            goal, cost, brakes = at, cost - left * dt, k + 1 + max(round(w.stopping_time / dt) - 1, 0)
+        if not math.isnan(goal.x):
+            if stands:
+                for j in range(k + 1, rows):
+                    path[j, 0], path[j, 1] = goal.x, goal.y
+                return cost
+            if cost > limit:
+                return math.inf
+            continue
         to_go, plan_to_go = time_to_go(field, at), outlook.plan[k, 2]
         px, py = at.x - outlook.plan[k, 0], at.y - outlook.plan[k, 1]
         value: float = max(to_go, plan_to_go + w.off_plan * math.sqrt(px * px + py * py))
@@ -237,7 +247,7 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
             return cost + value + lost_time(at, to_go, field, limits)
         if _exceeds(limit, cost, left, to_go, plan_to_go, dt, w.progress):
             return math.inf
-    return cost
+    return cost + w.wall * decay * _stop_behind_wall(at, limits, field)
 
 
 @inner_kernel

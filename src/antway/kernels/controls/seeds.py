@@ -14,7 +14,7 @@ from antway.kernels.controls.problem import ControlProblem
 
 SEEDS = 42  # number of seeds that `write_seed` knows
 _ON_THE_SPOT = 1.2  # rad; a robot on wheels that has to turn by this or more turns on the spot
-_SAFE = 1.6  # 1; the fastest turn that stops at its target has 2 here, which would overshoot in periods of a finite length
+_SAFE = 1.6  # 1; the fastest motion that stops at its target has 2 here, and would overshoot in periods of a finite length
 _NO_TURN = 0.05  # m; a robot on wheels does not turn to a target nearer than this
 _E = 0.1  # m; length of a step down the field, and half the distance over which its slope is taken
 
@@ -46,6 +46,9 @@ def _steer(state: RobotState, tx: float, ty: float, speed: float, problem: Contr
     x, y, heading, a, b = state
     dx, dy = tx - x, ty - y
     distance = math.hypot(dx, dy)
+    if problem.field.goal[3] < math.inf:  # the robot is to stand at the goal
+        rest = math.hypot(x - problem.field.goal[0], y - problem.field.goal[1]) - 0.5 * problem.field.goal[2]
+        speed = min(speed, math.sqrt(_SAFE * limits.brake_max * max(rest, 0.0)))
     if limits.drive == HOLONOMIC:
         vx, vy = (speed * dx / distance, speed * dy / distance) if distance > 1e-9 else (0.0, 0.0)
         change = math.hypot(vx - a, vy - b)

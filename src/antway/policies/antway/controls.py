@@ -35,6 +35,7 @@ _EXPANSIONS = 100  # most nodes that the search over arcs expands in a cycle
 _DODGE = 2.0  # 1; factor on the robot's acceleration away from obstacles that turn, because few of them turn straight at it
 _SPREADS = 2.0  # 1; beyond the margin to walls, room is kept for this many standard deviations of the robot's place
 _HIGHEST = {"horizon": 100.0, "block": 100.0, "exploration": 1.0}  # values of these `ControlOptions`
+_STAND = 0.3  # 1; a robot stands unless moving is better by this share of what falling behind the plan costs in a period
 _STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
@@ -191,6 +192,8 @@ class ControlColony:
             empty_outlook(steps),
             _weights(o, robot, self.slowness, swerve),
         )
+        if task.stay > 0.0:
+            self._stand_at_goal()
         self.margins, self.bounds = self._by_response()
         self.archive = _archive(o.archive, steps, block)
         self.lattice = _lattice(robot, block)
@@ -221,6 +224,11 @@ class ControlColony:
         stopping_time = self.problem.weights.stopping_time + robot.v_max / limits.brake_max
         growth = min(float(self.task.obstacle_surge) * stopping_time, 1e3)
         return margins, SpeedBounds(robot.v_max, stopping_time, float(self.task.obstacle_speed), growth)
+
+    def _stand_at_goal(self) -> None:
+        """Arrive at the goal from now on no faster than the robot can brake within a period."""
+        goal = self.problem.field.goal
+        goal[3] = min(goal[3], self.problem.limits.brake_max * self.robot.dt)
 
     def set_response(self, robot: RobotSpec) -> None:
         """Drive from now on the same robot with another latency or other accelerations."""
@@ -303,6 +311,9 @@ class ControlColony:
             How often obstacles turn, 1/s, and by how much their velocities change then, m/s.
         """
         rate, change = turns
+        goal_x, goal_y, tolerance, _ = self.problem.field.goal.tolist()
+        if math.dist(observation.xy, (goal_x, goal_y)) <= tolerance:  # it has arrived, and stays
+            self._stand_at_goal()
         self.problem, self.began = self.problem._replace(start=state), start
         problem = self.problem._replace(weights=self._weights_now(start, state, rate))
         look = segments, sigma, start, problem.dt, problem.start, self.bounds, self.margins, change, problem.outlook
@@ -329,7 +340,7 @@ class ControlColony:
         beside an obstacle that stands and whose velocity is not known well.
         """
         field, weights = self.problem.field, self.problem.weights
-        to_go, (x, y, tolerance) = static_time(field, state), field.goal
+        to_go, (x, y, tolerance, _) = static_time(field, state), field.goal
         if to_go < self.nearest - self.robot.dt or math.dist((x, y), state[:2]) <= tolerance:
             self.nearest, self.since = to_go, now
         caution = 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0)
@@ -370,6 +381,7 @@ def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float
         off_plan=o.off_plan,
         stop=0.0 if swerve is None else o.stop,
         stopping_time=robot.latency + robot.dt,
+        stand=_STAND * o.off_plan * robot.v_max * robot.dt,
         swerve=math.inf if swerve is None else swerve,
     )
 
