@@ -244,7 +244,7 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
         value += turning_loss(field, at)
         cost += w.progress * value
         if left == 0:
-            return cost + value + lost_time(at, to_go, field, limits)
+            return cost + max(value, to_go + turning_loss(field, at) + lost_time(at, to_go, field, limits))
         if _exceeds(limit, cost, left, to_go, plan_to_go, dt, w.progress):
             return math.inf
     return cost + w.wall * decay * _stop_behind_wall(at, limits, field)
