@@ -93,12 +93,17 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
         if math.hypot(x - field.goal[0], y - field.goal[1]) < field.goal[2] and pace <= field.goal[3]:
             arrived = min(arrived, k)
         if arrived < math.inf:
+            if a == b == 0.0:
+                break
             continue
         px, py, left = outlook.plan[k].tolist()
-        value = max(bilinear(field.time, x, y, field.time_frame), 0.0, left + w.off_plan * math.hypot(x - px, y - py))
+        to_go = max(bilinear(field.time, x, y, field.time_frame), 0.0)
+        value = max(to_go, left + w.off_plan * math.hypot(x - px, y - py))
         cost += w.progress * value
     cost += sum(harm.values())
-    return cost + value + lost_of(now, limits, field) if arrived == math.inf else cost - (len(controls) - 1 - arrived) * dt
+    if arrived < math.inf:
+        return cost - (len(controls) - 1 - arrived) * dt
+    return cost + max(value, to_go + lost_of(now, limits, field))
 
 
 def lost_of(state: tuple[float, ...], limits: RobotLimits, field: StaticField) -> float:

@@ -202,9 +202,9 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
     -----
     At the end of each step, the time to go is the static one or, if that is more, the time that the plan still takes from its
     place at that time, plus the path to that place: behind a moving obstacle the static time is too short. The time that a car
-    loses to turns is added. At the end of the sequence the time to go itself is added, and what the robot will still lose to
-    ramps and turns. A robot that reaches the goal brakes as soon as a command that is given there acts; what it meets until it
-    stands counts as before.
+    loses to turns is added. At the end of the sequence the time to go itself is added or, if that is more, the static one with
+    what the robot will still lose to ramps and turns: a robot that waits loses nothing to them, and need not take a run-up. A
+    robot that reaches the goal brakes as soon as a command given there acts; what it meets until it stands counts as before.
     """
     limits, dt, field, outlook, w = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights
     at, goal = motion_state(problem.start), MotionState(math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)

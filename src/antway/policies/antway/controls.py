@@ -311,8 +311,7 @@ class ControlColony:
             How often obstacles turn, 1/s, and by how much their velocities change then, m/s.
         """
         rate, change = turns
-        goal_x, goal_y, tolerance, _ = self.problem.field.goal.tolist()
-        if math.dist(observation.xy, (goal_x, goal_y)) <= tolerance:  # it has arrived, and stays
+        if math.dist(observation.xy, self.task.goal) <= self.task.goal_tolerance:  # it has arrived, and stays
             self._stand_at_goal()
         self.problem, self.began = self.problem._replace(start=state), start
         problem = self.problem._replace(weights=self._weights_now(start, state, rate))
@@ -340,8 +339,8 @@ class ControlColony:
         beside an obstacle that stands and whose velocity is not known well.
         """
         field, weights = self.problem.field, self.problem.weights
-        to_go, (x, y, tolerance, _) = static_time(field, state), field.goal
-        if to_go < self.nearest - self.robot.dt or math.dist((x, y), state[:2]) <= tolerance:
+        to_go, there = static_time(field, state), math.dist(self.task.goal, state[:2]) <= self.task.goal_tolerance
+        if to_go < self.nearest - self.robot.dt or there:
             self.nearest, self.since = to_go, now
         caution = 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0)
         return weights._replace(risk=weights.risk * caution, turn_risk=turn_rate * weights.turn_risk)

@@ -1,0 +1,72 @@
+"""Robots with inertia after they have reached the goal, and while they wait."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from antway import Grid, Scenario, World
+from antway.policies.antway.policy import AntwayPolicy
+from antway.world.motions import Replay
+from antway.world.robots import load_robot
+from antway.world.stage import Stage
+from antway.world.trace import Outcome
+from antway.world.world import Obstacle
+
+WHEELS = ("diff", "jackal", "amr")
+
+
+def _played(scenario: Scenario, seconds: float, stay: float = 0.0) -> Stage:
+    """Play on behind the goal for so many seconds; nothing is touched."""
+    stage, policy = Stage(scenario, 1, seconds), AntwayPolicy()
+    stage.end_at_goal(False)
+    policy.reset(replace(stage.task, stay=stay), 1)
+    outcome = None
+    while outcome is None:
+        seen = stage.observe()
+        outcome, reason = stage.drive(*stage.controls(policy.act(seen), seen))
+    assert outcome is Outcome.TIMEOUT, reason
+    return stage
+
+
+def _hall(robot: str, *standing: tuple[float, float]) -> Scenario:
+    obstacles = tuple(Obstacle(0.25, Replay((0.0, 100.0), (place, place))) for place in standing)
+    world = World(Grid(np.zeros((40, 80), bool), 0.1), obstacles)
+    return Scenario(world, (1.5, 2.0), (5.0, 2.0), load_robot(robot))
+
+
+@pytest.mark.parametrize("stay", [0.0, 5.0])
+@pytest.mark.parametrize("robot", [*WHEELS, "inertia"])
+def test_a_robot_comes_to_rest_at_the_goal(robot: str, stay: float) -> None:
+    """It ends within the tolerance, and if it is to stay there, it does not leave it any more."""
+    stage = _played(_hall(robot), 12.0, stay)
+    away = np.hypot(*(stage.xy - stage.task.goal).T)
+    assert not stage.velocity[-20:].any() and not stage.turn_rate[-20:].any()
+    assert away[-1] <= stage.task.goal_tolerance
+    first = int((away <= stage.task.goal_tolerance).argmax())
+    assert (away[first:].max() <= stage.task.goal_tolerance) == (stay > 0.0)
+
+
+@pytest.mark.parametrize("robot", WHEELS)
+def test_a_robot_could_stop_before_who_stands_behind_the_goal(robot: str) -> None:
+    """Whoever brakes at the goal, or lets the policy drive on, touches nobody who stands a quarter of a metre behind it."""
+    spec = load_robot(robot)
+    ahead = spec.radius if spec.footprint is None else max(x for x, _ in spec.footprint)
+    stage = _played(_hall(robot, (5.0 + ahead + 0.5, 2.0)), 8.0)
+    away = np.hypot(*(stage.xy - stage.task.goal).T)
+    assert (away <= stage.task.goal_tolerance).any()
+
+
+@pytest.mark.parametrize("robot", ["jackal", "inertia"])
+def test_a_robot_that_waits_stands(robot: str) -> None:
+    """Before somebody who stands in a corridor it does not drive to and fro, to come with a run when the way is free."""
+    blocked = np.ones((24, 120), bool)
+    blocked[5:19, 3:117] = False
+    world = World(Grid(blocked, 0.1), (Obstacle(0.3, Replay((0.0, 100.0), ((6.0, 1.2), (6.0, 1.2)))),))
+    stage = _played(Scenario(world, (1.6, 1.2), (10.0, 1.2), load_robot(robot)), 16.0)
+    speed = np.hypot(*stage.velocity[80:].T)
+    assert (speed == 0.0).mean() > 0.8 and speed.mean() < 0.05
+    assert math.dist(stage.xy[-1], (6.0, 1.2)) < 1.5
