@@ -53,6 +53,14 @@ def test_integers_and_seeds() -> None:
             checks.seed(wrong)
 
 
+def test_an_objective_may_have_a_hyphen() -> None:
+    """Python takes the name of the command line as well."""
+    assert [checks.objective(name) for name in ("travel-time", "travel time", "makespan")] == ["travel time"] * 2 + ["makespan"]
+    for wrong in ("length", None, ["travel-time"]):
+        with pytest.raises(errors.BadParameter, match="objective"):
+            checks.objective(wrong)
+
+
 def test_points_arrays_choices_instances() -> None:
     """Each check gives the value in its type or an error of the kind asked for."""
     assert checks.point("xy", np.array([1, 2])) == (1.0, 2.0)

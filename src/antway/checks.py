@@ -99,6 +99,11 @@ def choice(field: str, value: object, allowed: Iterable[str], *, error: type[Bad
     return value
 
 
+def objective(value: object) -> str:
+    """Return the objective of a tour; "travel-time", as on the command line, is "travel time"."""
+    return choice("objective", "travel time" if str(value) == "travel-time" else value, ("travel time", "makespan"))
+
+
 def instance(field: str, value: object, kind: type[T]) -> T:
     """Return `value` if it is a `kind`."""
     if not isinstance(value, kind):

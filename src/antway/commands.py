@@ -113,9 +113,8 @@ def tour_command(
 def _objective(name: str) -> str:
     """Return the objective that an option names, as functions call it."""
     from antway import checks
-    from antway.tours.stops import OBJECTIVES
 
-    return checks.choice("objective", name, [one.replace(" ", "-") for one in OBJECTIVES]).replace("-", " ")
+    return checks.objective(checks.choice("objective", name, ("travel-time", "makespan")))
 
 
 def tsptw_command(

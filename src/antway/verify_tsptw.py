@@ -50,7 +50,7 @@ def check_tsptw(
     stops = [checks.integer(f"order[{i}]", stop) for i, stop in enumerate(listed)]
     if cost is not None:
         cost = checks.number("cost", cost)
-    checks.choice("objective", objective, ("travel time", "makespan"))
+    checks.objective(objective)
     checks.instance("feasible", feasible, bool)
     n = len(instance.matrix)
     if sorted(stops) != list(range(n)) or stops[0] != 0:

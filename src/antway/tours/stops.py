@@ -12,7 +12,6 @@ from antway import checks
 from antway.errors import BadParameter, TooLarge
 
 MAX_STOPS = 5_000
-OBJECTIVES = ("travel time", "makespan")
 Floats = NDArray[np.float64]
 Order = NDArray[np.int32]
 
@@ -105,7 +104,7 @@ def checked(
         worth,
         checks.number("deadline", deadline, low=0.0, infinite=True, unit="s"),
         checks.integer("robots", robots, low=1, high=1_000),
-        checks.choice("objective", objective, OBJECTIVES),
+        checks.objective(objective),
     )
 
 

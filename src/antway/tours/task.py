@@ -15,7 +15,7 @@ from antway.errors import BadParameter, TooLarge
 from antway.grid import Cell, Grid, Moves
 from antway.planning import standing_cell
 from antway.search.costs import checked_costs
-from antway.tours.stops import MAX_STOPS, OBJECTIVES
+from antway.tours.stops import MAX_STOPS
 
 Point = tuple[float, float]
 Floats = NDArray[np.float64]
@@ -146,7 +146,7 @@ def tour_task(
         None if priorities is None else _amounts("priorities", priorities, n),
         checks.number("deadline", deadline, low=0.0, infinite=True, unit="s"),
         checks.integer("robots", robots, low=1, high=1_000),
-        checks.choice("objective", objective, OBJECTIVES),
+        checks.objective(objective),
         checks.number("speed", speed, low=1e-6, high=1e6, unit="m/s"),
         robot_radius,
         moves,

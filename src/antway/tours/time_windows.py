@@ -19,7 +19,7 @@ from antway.errors import BadMap, BadParameter, TooLarge
 from antway.maps.limits import as_path
 from antway.planning import Budget
 from antway.reading import decoded, numbers_in, read_bytes
-from antway.tours.stops import OBJECTIVES, checked_matrix, checked_windows
+from antway.tours.stops import checked_matrix, checked_windows
 from antway.tours.windowed import Path, search
 
 MAX_BYTES = 64_000_000
@@ -157,7 +157,7 @@ def solve_tsptw(
     (False, (1,))
     """
     checks.instance("instance", instance, Tsptw)
-    makespan = checks.choice("objective", objective, OBJECTIVES) == "makespan"
+    makespan = checks.objective(objective) == "makespan"
     checks.seed(seed)
     good = -math.inf if target is None else checks.number("target", target)
     n = instance.size
