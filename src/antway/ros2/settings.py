@@ -149,6 +149,7 @@ class Settings:
         )
 
 
+_STAY = 1.0  # s; a robot is to stand at its goal unless told otherwise
 _UNSAID = {"drive": "", "brake_max": 0.0, "footprint": "[]"}  # for parameters without a default, or that may be None
 
 
@@ -260,6 +261,7 @@ def parameters() -> dict[str, Parameter]:
     )
     found["robot.drive"] = ("", f"{robot['drive']} Needed, unless robot.name is given.")
     found |= {f"task.{f.name}": (f.default, described(Task)[f.name]) for f in fields(Task) if isinstance(f.default, float)}
+    found["task.stay"] = (_STAY, found["task.stay"][1])
     options = described(AntwayPolicy)
     for name, option in inspect.signature(AntwayPolicy).parameters.items():
         if option.default is None:

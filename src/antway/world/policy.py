@@ -48,7 +48,9 @@ class Task:
         Declared bound on the change of an obstacle's velocity vector, m/s^2, >= 0; infinite: it may turn at once. An obstacle
         that touches a wall may always do so. It matters for robots with inertia, and for how far `antway` trusts predictions.
     stay : float
-        How long the robot is to stand at the goal, s, in [0, 60]: policy `antway` arrives when the goal is free for that time.
+        How long the robot is to stand at the goal, s, in [0, 60]: policy `antway` arrives when the goal is free for that time,
+        and if it is more than 0, so slowly that the robot can stand there. With 0, a robot with inertia may brake beyond the
+        goal, and comes back.
 
     Raises
     ------
