@@ -202,7 +202,7 @@ def test_a_first_run_compiles_in_two_processes(
     assert all(process.poll() is not None for process in processes)
 
 
-@pytest.mark.parametrize("kind", warmup.KINDS)
+@pytest.mark.parametrize("kind", warmup.WARM)
 def test_what_is_compiled_beforehand_can_be_done(kind: str) -> None:
     """Each task of each kind is done without an error on the maps and scenes as they are shipped now."""
     for name, argument in warmup._TASKS[kind]:

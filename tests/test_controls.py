@@ -207,7 +207,7 @@ def test_every_parameter_is_kept_or_refused_in_place(page: Any) -> None:
             value = getattr(value, part)
         step = 1 if p.field == "seed" else 0.05
         changed = f"{float(value) + step:g}"  # type: ignore[arg-type]
-        row.locator("input").fill(f"{p.high + step:.12g}")
+        row.locator("input").fill(f"{p.high + step:.16g}")
         page.keyboard.press("Tab")
         expect(page, f"[id='wrong-{p.field}']").to_contain_text(p.field)
         row.locator("input").fill(changed)
