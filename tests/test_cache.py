@@ -96,7 +96,7 @@ def test_compiling_is_said_once_and_can_be_silenced(tmp_path: Path, quiet: str, 
     """From Python the first compilation says so once on stderr, unless ANTWAY_QUIET is set."""
     given = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "ANTWAY_QUIET": quiet}
     done = subprocess.run([sys.executable, "-c", SAID], env=given, capture_output=True, text=True, check=True)
-    assert done.stderr.count("compiling the kernels") == told and done.stderr.count("\n") == told
+    assert done.stderr.count("compiling kernels") == told and done.stderr.count("\n") == told
     again = subprocess.run([sys.executable, "-c", SAID], env=given, capture_output=True, text=True, check=True)
     assert again.stderr == ""
 

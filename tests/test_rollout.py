@@ -331,8 +331,8 @@ def test_robots_keep_room_from_walkers_who_may_turn_back(robot: str, seeds: tupl
     """One walks straight for so long that its predictions hold to a hair, and then turns towards the robot at a corner.
 
     The slow one was touched on seeds 2 and 44, until the risk grew with the square of its slowness. On seed 2 it is touched
-    again since plans lead between finer nodes, and on 45 since it stands while it waits; of seeds 0 to 99 it reaches the goal on
-    86 (88 before), and of 100 to 139 on 34 (32 before).
+    again since plans lead between finer nodes, and on 45 since it stands while it waits; of seeds 0 to 99 it reaches the goal
+    on 86 (88 before), and of 100 to 139 on 34 (32 before).
     """
     office = load_scenario("office").driven_by(load_robot(robot))
     ends = [run(office, AntwayPolicy(), seed=seed) for seed in seeds]
