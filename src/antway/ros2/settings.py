@@ -149,7 +149,7 @@ class Settings:
         )
 
 
-_STAY = 1.0  # s; a robot is to stand at its goal unless told otherwise
+_TASK_DEFAULTS = {"stay": 1.0}  # of a task, in place of its defaults: a robot is to stand at its goal
 _UNSAID = {"drive": "", "brake_max": 0.0, "footprint": "[]"}  # for parameters without a default, or that may be None
 
 
@@ -260,8 +260,12 @@ def parameters() -> dict[str, Parameter]:
         'Corners in m of a convex polygon in the robot\'s frame, as Nav2 writes it, "[[x, y], ...]"; []: a disc.',
     )
     found["robot.drive"] = ("", f"{robot['drive']} Needed, unless robot.name is given.")
-    found |= {f"task.{f.name}": (f.default, described(Task)[f.name]) for f in fields(Task) if isinstance(f.default, float)}
-    found["task.stay"] = (_STAY, found["task.stay"][1])
+    task = described(Task)
+    found |= {
+        f"task.{f.name}": (_TASK_DEFAULTS.get(f.name, f.default), task[f.name])
+        for f in fields(Task)
+        if isinstance(f.default, float)
+    }
     options = described(AntwayPolicy)
     for name, option in inspect.signature(AntwayPolicy).parameters.items():
         if option.default is None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import inner_kernel
 from antway.kernels.controls.motion import MotionState
-from antway.kernels.controls.problem import StaticField
+from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, StaticField
 
 _SHORT_TURN = 1.0  # s; a loss to the turning radius up to this is not counted, because rollouts and `lost_time` see short turns
 
@@ -44,8 +44,9 @@ def time_to_go(field: StaticField, at: MotionState) -> float:
 @inner_kernel
 def at_goal(field: StaticField, at: MotionState) -> bool:
     """Tell whether the robot's centre is within the goal's tolerance, and slow enough."""
-    dx, dy, goal = at.x - field.goal[0], at.y - field.goal[1], field.goal
-    return bool(dx * dx + dy * dy < goal[2] * goal[2] and at.a * at.a + at.b * at.b <= goal[3] * goal[3])
+    goal = field.goal
+    dx, dy, near, slow = at.x - goal[GOAL_X], at.y - goal[GOAL_Y], goal[TOLERANCE], goal[GOAL_SPEED]
+    return bool(dx * dx + dy * dy < near * near and at.a * at.a + at.b * at.b <= slow * slow)
 
 
 @inner_kernel

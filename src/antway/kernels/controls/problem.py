@@ -16,6 +16,8 @@ from antway.kernels.base.records import RobotLimits, RobotState
 # robot to respond.
 CENTRE_X, CENTRE_Y, CONTACT, PREFERRED, SPEED, VX, VY, STRAIGHT, RISKY, OWNER, TURN_DISTANCE, TURN_TIME = range(12)
 COLUMNS = 12
+# Entries of a goal: its place and its tolerance in m, and the speed in m/s above which a robot has not arrived.
+GOAL_X, GOAL_Y, TOLERANCE, GOAL_SPEED = range(4)
 
 
 class StaticField(NamedTuple):
@@ -25,7 +27,7 @@ class StaticField(NamedTuple):
     wall_frame: NDArray[np.float64]  # [3]
     time: NDArray[np.float32]  # [H, W] s; time to the goal from the centres of cells
     time_frame: NDArray[np.float64]  # [3]
-    goal: NDArray[np.float64]  # [4] x, y and tolerance, m; a faster robot has not arrived, m/s
+    goal: NDArray[np.float64]  # [4] see GOAL_X and the others above
     box: NDArray[np.float64]  # [5] m; a box around the footprint, low and high x and y in the robot's frame; the disc's radius
     discs: NDArray[np.float64]  # [D, 3] m; discs that cover that box: x, y, and how much smaller than the robot's disc each is;
     # there are none for a robot that is a disc

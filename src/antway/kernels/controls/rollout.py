@@ -207,8 +207,8 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
     robot that reaches the goal brakes as soon as a command given there acts; what it meets until it stands counts as before.
     """
     limits, dt, field, outlook, w = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights
-    at, goal = motion_state(problem.start), MotionState(math.nan, 0.0, 0.0, 0.0, 0.0, 0.0)
-    steps, rows, brakes = len(controls), len(path), len(controls)
+    at = shown = motion_state(problem.start)  # `shown` stays at the goal
+    steps, rows, brakes, arrived = len(controls), len(path), len(controls), False
     cost, decay = 0.0, 1.0
     outlook.harm[:] = 0.0
     decay_of_step = math.exp(-w.decay * dt)
@@ -216,8 +216,9 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
         one, two = (controls[k, 0], controls[k, 1]) if k < brakes else (0.0, 0.0)
         before, at = at, step(at, one, two, limits, dt)
         left, stands = steps - 1 - k, at.a == 0.0 and at.b == 0.0
+        shown = shown if arrived else at
         if k < rows:
-            path[k, 0], path[k, 1] = (at.x, at.y) if math.isnan(goal.x) else (goal.x, goal.y)
+            path[k, 0], path[k, 1] = shown.x, shown.y
         wall = clearance(field, at, w.wall_margin + w.wall_range)
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
@@ -228,23 +229,23 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
         decay *= decay_of_step
         if k == 0 and stands:
             cost -= w.stand
-        if math.isnan(goal.x) and at_goal(field, at):
-            goal, cost, brakes = at, cost - left * dt, k + 1 + max(round(w.stopping_time / dt) - 1, 0)
-        if not math.isnan(goal.x):
+        if not arrived and at_goal(field, at):
+            arrived, cost, brakes = True, cost - left * dt, k + 1 + max(round(w.stopping_time / dt) - 1, 0)
+        if arrived:
             if stands:
                 for j in range(k + 1, rows):
-                    path[j, 0], path[j, 1] = goal.x, goal.y
+                    path[j, 0], path[j, 1] = shown.x, shown.y
                 return cost
             if cost > limit:
                 return math.inf
             continue
         to_go, plan_to_go = time_to_go(field, at), outlook.plan[k, 2]
         px, py = at.x - outlook.plan[k, 0], at.y - outlook.plan[k, 1]
-        value: float = max(to_go, plan_to_go + w.off_plan * math.sqrt(px * px + py * py))
-        value += turning_loss(field, at)
+        turning = turning_loss(field, at)
+        value: float = max(to_go, plan_to_go + w.off_plan * math.sqrt(px * px + py * py)) + turning
         cost += w.progress * value
         if left == 0:
-            return cost + max(value, to_go + turning_loss(field, at) + lost_time(at, to_go, field, limits))
+            return cost + max(value, to_go + turning + lost_time(at, to_go, field, limits))
         if _exceeds(limit, cost, left, to_go, plan_to_go, dt, w.progress):
             return math.inf
     return cost + w.wall * decay * _stop_behind_wall(at, limits, field)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.controls.lookup import slope
-from antway.kernels.controls.problem import ControlProblem
+from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, ControlProblem
 
 SEEDS = 42  # number of seeds that `write_seed` knows
 _ON_THE_SPOT = 1.2  # rad; a robot on wheels that has to turn by this or more turns on the spot
@@ -46,8 +46,9 @@ def _steer(state: RobotState, tx: float, ty: float, speed: float, problem: Contr
     x, y, heading, a, b = state
     dx, dy = tx - x, ty - y
     distance = math.hypot(dx, dy)
-    if problem.field.goal[3] < math.inf:  # the robot is to stand at the goal
-        rest = math.hypot(x - problem.field.goal[0], y - problem.field.goal[1]) - 0.5 * problem.field.goal[2]
+    goal = problem.field.goal
+    if goal[GOAL_SPEED] < math.inf:  # the robot is to stand at the goal
+        rest = math.hypot(x - goal[GOAL_X], y - goal[GOAL_Y]) - 0.5 * goal[TOLERANCE]
         speed = min(speed, math.sqrt(_SAFE * limits.brake_max * max(rest, 0.0)))
     if limits.drive == HOLONOMIC:
         vx, vy = (speed * dx / distance, speed * dy / distance) if distance > 1e-9 else (0.0, 0.0)

@@ -16,7 +16,7 @@ from antway.kernels.controls.colony import Archive, ColonySettings, forage, shif
 from antway.kernels.controls.lattice import DOWNHILL, Lattice
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead, spread_plan
-from antway.kernels.controls.problem import ControlProblem, CostWeights
+from antway.kernels.controls.problem import GOAL_SPEED, ControlProblem, CostWeights
 from antway.kernels.controls.rollout import judge
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
@@ -228,7 +228,7 @@ class ControlColony:
     def _stand_at_goal(self) -> None:
         """Arrive at the goal from now on no faster than the robot can brake within a period."""
         goal = self.problem.field.goal
-        goal[3] = min(goal[3], self.problem.limits.brake_max * self.robot.dt)
+        goal[GOAL_SPEED] = min(goal[GOAL_SPEED], self.problem.limits.brake_max * self.robot.dt)
 
     def set_response(self, robot: RobotSpec) -> None:
         """Drive from now on the same robot with another latency or other accelerations."""
