@@ -23,7 +23,7 @@ from antway.console import Refused
 from antway.errors import BadInput, BadMap, BadParameter, CellBlocked, OutOfBounds, TooLarge
 from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2 import convert
-from antway.ros2.settings import Settings, defaults
+from antway.ros2.settings import Settings, defaults, parameters
 from antway.web.session import PARAMETERS, Session
 from antway.world.motions import Line
 from antway.world.sensor import Sensor
@@ -218,7 +218,7 @@ def ros(row: Row, folder: Path) -> Attempts:
     values = defaults()
     named = {"obstacle.radius": "obstacle_radius", "planner": "planner"}.get(row.field)
     named = named or (f"task.{name}" if f"task.{name}" in values else row.field)
-    if named in values:
+    if named in parameters():
         yield lambda: Settings.of(values | {named: row.value})
     if owner == "map":
         message = convert.grid_message(Grid(WALLS, 1.0, (0.0, 0.0, row.of("map.yaw", 0.0))))

@@ -207,6 +207,7 @@ def test_up_and_down():
         "task.obstacle_surge": [0.0, float("inf")],
     }
     assert "one of dijkstra" in result["planner"]
+    assert result["speeds"] == [1.0, 2.0], "of a named robot with a speed that is set to what is usual"
 
 
 @pytest.mark.parametrize(

@@ -34,8 +34,7 @@ def test_parameter_files_are_accepted(file: Path) -> None:
     """Every parameter of a file is one of the node's, and the node takes them together."""
     given = flat(yaml.safe_load(file.read_text(encoding="utf-8"))["antway"]["ros__parameters"])
     assert given and set(given) <= set(parameters())
-    robot = {} if "robot.name" in given else {"robot.drive": "holonomic"}
-    settings = Settings.of({name: one.default for name, one in parameters().items()} | robot | given)
+    settings = Settings.of(defaults() | ({"robot.drive": ""} if "robot.name" in given else {}) | given)
     if "robot.name" in given:
         assert settings.robot.wheels and settings.autostart
 

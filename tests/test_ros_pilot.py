@@ -193,6 +193,7 @@ def test_parameters_have_the_ranges_of_their_definitions():
                 wrong = refused(usual, name, beyond)
                 assert wrong is not None and wrong.allowed == one.allowed and name in str(wrong)
     assert {"robot.radius", "task.goal_tolerance", "policy.chance", "timeout"} <= set(found)
+    assert found["robot.v_reverse"].high > 1.0, "a faster robot may reverse faster"
     assert found["policy.moves"].default == Moves.THIRTY_TWO.value and "thirty-two" in found["policy.moves"].allowed
 
 
@@ -525,22 +526,29 @@ def test_pheromone_is_shown_where_it_is():
 
 def test_no_drive_is_refused_and_a_name_is_enough() -> None:
     """The node does not start without a drive or a robot by name; what is said besides departs from the named robot."""
-    unsaid = {name: one.default for name, one in parameters().items()}
+    unsaid = defaults()
+    del unsaid["robot.drive"]
     with pytest.raises(BadInput, match=r"robot\.drive"):
         Settings.of(unsaid)
     assert Settings.of(unsaid | {"robot.name": "turtlebot4"}).robot.v_max == 0.31
     slow = Settings.of(unsaid | {"robot.name": "amr", "robot.v_max": 0.5, "robot.latency": 0.2}).robot
     assert (slow.v_max, slow.latency, slow.drive) == (0.5, 0.2, "differential") and slow.footprint is not None
+    plain = {"robot.name": "amr", "robot.v_max": 1.0, "robot.footprint": "[]", "robot.radius": 0.3}
+    usual = Settings.of(unsaid | plain | {"robot.a_max": math.inf, "robot.brake_max": 0.0}).robot
+    assert (usual.v_max, usual.footprint, usual.radius, usual.braking) == (1.0, None, 0.3, math.inf), "as usual, but said"
     with pytest.raises(BadInput, match=r"^robot\.name = 'turtlebot5'"):
         Settings.of(unsaid | {"robot.name": "turtlebot5"})
 
 
 def test_a_footprint_is_as_nav2_writes_it() -> None:
-    """Text of a list of corners, no square brackets missing; a disc without."""
+    """Text of a list of corners with numbers as C writes them, no square brackets missing; a disc without corners."""
     box = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
     robot = Settings.of(defaults() | {"robot.drive": "differential", "robot.footprint": box}).robot
     assert robot.footprint is not None and robot.radius == pytest.approx(math.hypot(0.3, 0.2))
-    for wrong in ("[[0.3, 0.2]", "{}", "[[0, 0], [1, 1], [1, 0], [0, 1]]", "[1, 2, 3]", "", 3.0):
+    assert settings(**{"robot.footprint": "[ [.3, .2], [.3, -.2], [-.3, -.2], [-.3, .2], ]"}).robot.footprint == robot.footprint
+    for disc in ("", "[]", " [ ] "):
+        assert settings(**{"robot.footprint": disc}).robot.footprint is None
+    for wrong in ("[[0.3, 0.2]", "{}", "[[0, 0], [1, 1], [1, 0], [0, 1]]", "[1, 2, 3]", "None", "[" * 10**5, 3.0):
         with pytest.raises(BadInput, match=r"robot\.footprint"):
             Settings.of(defaults() | {"robot.drive": "differential", "robot.footprint": wrong})
 

@@ -19,6 +19,7 @@ from stand_in import GOAL, START, kinds, room, stamped
 from antway.ros2 import actions
 from antway.ros2.messages import load, make
 from antway.ros2.node import AntwayNode
+from antway.ros2.settings import Settings
 
 
 def a_node() -> AntwayNode:
@@ -79,6 +80,10 @@ def main(cycles: int) -> None:
         (one,) = about.floating_point_range or about.integer_range
         ranges[name] = one.from_value, one.to_value
     planner = node.describe_parameter("planner").additional_constraints
+    said = {"robot.drive": "", "robot.name": "jackal", "robot.v_max": 1}
+    given = [rclpy.parameter.Parameter(name, value=value) for name, value in said.items()]
+    assert node.set_parameters_atomically(given).successful
+    robot = Settings.of(node.values).robot
     node.destroy_node()
     for _ in range(max(cycles // 10, 1)):  # whole nodes as well
         node = a_node()
@@ -87,7 +92,12 @@ def main(cycles: int) -> None:
     executor.shutdown()
     rclpy.shutdown()
     refused = {"successful": wrong.successful, "reason": wrong.reason}
-    print(json.dumps({"poses": poses, "resources": found, "refused": refused, "ranges": ranges, "planner": planner}))
+    speeds = robot.v_max, robot.a_max
+    print(
+        json.dumps(
+            {"poses": poses, "resources": found, "refused": refused, "ranges": ranges, "planner": planner, "speeds": speeds}
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -118,7 +118,7 @@ class Robot(Node):
         """Send transforms, obstacles and odometry of `o`."""
         t, pose = base + o.t, (*o.xy, o.heading)
         if self.odom is not None and tf:
-            self.transform("map", "odom", self.odom, t)
+            self.transform("map", "odom", self.odom, t + 1.0)
             self.transform("base_link", "laser", self.mount, 0.0)
         if obstacles:
             self.out["obstacles"].publish(self.scene(o, t))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import signal
 import sys
 import time
@@ -50,11 +51,6 @@ _OF_ROS = ("use_sim_time", "qos_overrides", "start_type_description_service")
 SEEN_AHEAD = 3.0  # s; how far ahead predictions are shown
 
 
-def _as_float(default: Any, value: Any) -> Any:
-    """Return `value` as a float if it is an integer and the default of the parameter is a float."""
-    return float(value) if isinstance(default, float) and type(value) is int else value
-
-
 class AntwayNode(LifecycleNode):  # type: ignore[misc]
     """Converts messages for the pilot, and its answers to messages.
 
@@ -67,21 +63,23 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     def __init__(self, kinds: Mapping[str, Kind] | None = None) -> None:
         super().__init__("antway")
         self.kinds = nav2_kinds() if kinds is None else dict(kinds)
-        self.values: dict[str, Any] = {}
+        self.values: dict[str, Any] = {}  # of robot.* those that are set: a named robot has values of its own for the others
+        given = getattr(self, "_parameter_overrides", {})
         for name, one in parameters().items():
             about = make("rcl_interfaces/msg/ParameterDescriptor", description=one.text, additional_constraints=one.allowed)
+            ends = {"from_value": one.low, "to_value": one.high}
             if isinstance(one.default, float):
                 about.dynamic_typing = True  # `robot.radius:=1` is an integer for ROS
-                about.floating_point_range = [
-                    make("rcl_interfaces/msg/FloatingPointRange", from_value=one.low, to_value=one.high)
-                ]
-            elif isinstance(one.default, int) and not isinstance(one.default, bool):
-                about.integer_range = [make("rcl_interfaces/msg/IntegerRange", from_value=one.low, to_value=one.high, step=1)]
-            self.values[name] = _as_float(one.default, self.declare_parameter(name, one.default, about).value)
-        for name, given in getattr(self, "_parameter_overrides", {}).items():
+                about.floating_point_range = [make("rcl_interfaces/msg/FloatingPointRange", **ends)]
+            elif type(one.default) is int:
+                about.integer_range = [make("rcl_interfaces/msg/IntegerRange", **ends, step=1)]
+            value = self.declare_parameter(name, one.default, about).value
+            if name in given or not name.startswith("robot."):
+                self.values[name] = value
+        for name, parameter in given.items():
             if not self.has_parameter(name) and not name.startswith(_OF_ROS):
-                near = difflib.get_close_matches(name, self.values, 3) or list(self.values)
-                raise BadParameter(name, given.value, f"left out: no parameter has this name; there is {', '.join(near)}")
+                near = difflib.get_close_matches(name, parameters(), 3) or list(parameters())
+                raise BadParameter(name, parameter.value, f"left out: no parameter has this name; there is {', '.join(near)}")
         Settings.of(self.values | {"robot.drive": "holonomic"} if self._bare() else self.values)
         self.add_on_set_parameters_callback(self._on_parameters)
         self.parts: list[tuple[Callable[[Any], Any], Any]] = []
@@ -89,11 +87,10 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def _bare(self) -> bool:
         """Tell whether the robot is still unspecified: parameters may be set before the node is configured."""
-        return not (self.values["robot.name"] or self.values["robot.drive"] or self.values["autostart"])
+        return not any(self.values.get(name) for name in ("robot.name", "robot.drive", "autostart"))
 
     def _on_parameters(self, changed: list[Any]) -> Any:
-        values = self.values | {one.name: one.value for one in changed if one.name in self.values}
-        values = {name: _as_float(one.default, values[name]) for name, one in parameters().items()}
+        values = self.values | {one.name: one.value for one in changed if one.name in parameters()}
         try:
             Settings.of(values)
         except BadInput as wrong:
@@ -108,12 +105,10 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         try:
             self.settings = settings = Settings.of(self.values)
             kind = load(settings.obstacles_type)
-        except BadInput as wrong:
-            self.get_logger().error(str(wrong))
+        except (BadInput, ImportError, AttributeError) as error:
+            self.get_logger().error(str(error) if isinstance(error, BadInput) else f"obstacles_type: {error}")
             return TransitionCallbackReturn.FAILURE
-        except (ImportError, AttributeError) as error:
-            self.get_logger().error(f"obstacles_type = {self.values['obstacles_type']!r}: {error}")
-            return TransitionCallbackReturn.FAILURE
+        self.get_logger().info(f"the robot is {settings.robot}")
         place = World(Grid(np.zeros((8, 8), bool)))
         self._compile(place)
         self.tracker = Tracker()
@@ -125,7 +120,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.lasers: deque[tuple[float, Any]] = deque(maxlen=20)  # scans that wait for odometry, with their times in s
         self.trail: deque[tuple[float, Pose]] = deque(maxlen=100)
         self.shown: Decision | None = None
-        self.heard, self.reported = time.monotonic(), (OK, "")
+        self.heard, self.fault = time.monotonic(), ""  # of odometry: when it was last good, and why it is refused since then
+        self.reported, self.logged = (OK, ""), dict[str, float]()  # the logged errors, and when, s
         self._open_publishers(place)
         self._open_subscriptions(kind)
         stop = self.create_service(load("std_srvs/srv/Trigger"), "~/stop", self._serve_stop)
@@ -315,6 +311,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             return frames.move_odometry(frame, odometry)
 
         odometry = self._read("odom", read, message)
+        self.fault = self.reported[1] if odometry is None else ""
         if odometry is None:
             return
         t, now = odometry.t, time.monotonic()
@@ -329,7 +326,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.heard = time.monotonic()  # the time for the start does not count as silence
 
     def _watch(self) -> None:
-        self._do(self.pilot.silent(time.monotonic() - self.heard))
+        self._do(self.pilot.silent(time.monotonic() - self.heard, self.fault))
 
     def _serve_stop(self, request: Any, response: Any) -> Any:
         driving = self.active and self.pilot.goal is not None
@@ -390,17 +387,23 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.predictions.publish(predictions_message(tracks, lines, t, make, frame=frame))
 
     def _say(self, level: int, reason: str) -> None:
-        """Log what the node does or why it stands, and publish it on diagnostics, if that is new."""
-        if (level, reason) != self.reported:
-            self.reported = level, reason
-            log = self.get_logger()
-            if level == ERROR:  # rclpy wants one line of code for each severity
-                log.error(reason)
-            elif level == WARN:
-                log.warning(reason)
-            else:
-                log.info(reason)
-            self._diagnose()
+        """Log what the node does or why it stands, and publish it on diagnostics, if that is new.
+
+        An error that is the same but for its numbers is new after a second.
+        """
+        if (level, reason) == self.reported:
+            return
+        self.reported, log, now = (level, reason), self.get_logger(), time.monotonic()
+        if level == ERROR:  # rclpy wants one line of code for each severity
+            self.logged = {words: then for words, then in self.logged.items() if now < then + 1.0}
+            if self.logged.setdefault(re.sub(r"[\d.]+", "", reason), now) < now:
+                return
+            log.error(reason)
+        elif level == WARN:
+            log.warning(reason)
+        else:
+            log.info(reason)
+        self._diagnose()
 
     def _diagnose(self) -> None:
         if self.diagnostics is None or not self.active:
@@ -411,12 +414,6 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         )
         now = make("std_msgs/msg/Header", stamp=self.get_clock().now().to_msg())
         self.diagnostics.publish(make("diagnostic_msgs/msg/DiagnosticArray", header=now, status=[status]))
-
-
-def refuse(error: Exception) -> int:
-    """Print in one line which parameter is wrong, and return the exit status of wrong input."""
-    print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-    return 2
 
 
 def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
@@ -433,7 +430,8 @@ def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
         executor, node = SingleThreadedExecutor(), AntwayNode(kinds)
     except (BadInput, ParameterException) as error:
         rclpy.shutdown()
-        return refuse(error)
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
     executor.add_node(node)
     try:
         if node.values["autostart"] and node.trigger_configure() is TransitionCallbackReturn.SUCCESS:

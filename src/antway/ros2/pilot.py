@@ -90,6 +90,11 @@ class Goal:
     yaw: float = math.nan
 
 
+def _shown(xy: XY) -> str:
+    """Return a place in words, to the centimetre."""
+    return "({:.2f}, {:.2f})".format(*xy)
+
+
 @cache
 def prepare(robot: RobotSpec) -> None:
     """Compile what drives a robot with inertia: one that was declared without it often turns out to have some on the way."""
@@ -167,7 +172,9 @@ class Pilot:
         self.policy = None
         if self.guard is None:
             self.due = -math.inf
-        return None if before is None else self._hold(OK, f"the goal {before.xy} is pre-empted by {goal.xy}", End.REPLACED)
+        if before is None:
+            return None
+        return self._hold(OK, f"the goal {_shown(before.xy)} is pre-empted by {_shown(goal.xy)}", End.REPLACED)
 
     def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> Answer:
         """Stop, and end the goal."""
@@ -175,8 +182,8 @@ class Pilot:
         self.goal = self.policy = self.turner = None
         return self._hold(level, reason, done)
 
-    def silent(self, seconds: float) -> Answer | None:
-        """Answer that there was no odometry for this time; a stop that has since goes on without."""
+    def silent(self, seconds: float, fault: str = "") -> Answer | None:
+        """Answer that there was no odometry for this time, because of a `fault`, if it is known; a stop goes on without."""
         dt = self.settings.robot.dt
         if self._stopping and seconds > 1.5 * dt:
             self.due += dt
@@ -184,7 +191,7 @@ class Pilot:
         if self.goal is None or seconds <= self.settings.timeout:
             return None
         self.brake()
-        reason = f"no odometry for {self.settings.timeout:g} s"
+        reason = fault or f"no odometry for {self.settings.timeout:g} s"
         if self.goal.gives_up and seconds > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
         return self._hold(ERROR, reason)
@@ -264,7 +271,7 @@ class Pilot:
                 off = wrap(goal.yaw - odometry.heading)
             if not abs(off) > settings.yaw_tolerance:
                 self.brake()
-                return self.drop(f"arrived at {goal.xy}", End.ARRIVED)
+                return self.drop(f"arrived at {_shown(goal.xy)}", End.ARRIVED)
             return self._turn(goal, odometry)
         if self.map is None:
             return self._wait(t, WARN, "waiting for a map")
@@ -282,11 +289,11 @@ class Pilot:
             try:
                 standing_cell("goal", goal.xy, self.map, self.inflated_grid(self.map), settings.robot.radius)
             except BadInput as wrong:
-                return self.drop(f"the goal {goal.xy} is refused: {wrong}", End.REFUSED, ERROR)
+                return self.drop(f"the goal is refused: {wrong}", End.REFUSED, ERROR)
             try:
                 self.policy = self._set_out(goal, move_point(inverse(self.frame), xy))
             except BadInput as wrong:
-                return self._wait(t, ERROR, f"the robot cannot set out from {xy}: {wrong}")
+                return self._wait(t, ERROR, f"the robot cannot set out: {wrong}")
             self.started = t
         self.waiting_since = math.nan
         if math.isnan(self.progress[0]) or math.dist(xy, self.progress[1]) >= settings.progress_radius:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
-import json
 import math
 import re
 import sys
@@ -18,6 +18,7 @@ import numpy as np
 from antway import checks
 from antway.errors import BadInput, BadParameter
 from antway.grid import Grid, Moves
+from antway.limits import MAX_PLACE, MAX_SPEED
 from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2 import convert
 from antway.tables import PLANNERS, ROBOTS, names
@@ -26,7 +27,7 @@ from antway.world.robots import DRIVES, load_robot
 
 LASER = "sensor_msgs/msg/LaserScan"
 _OWN: dict[str, tuple[Any, str]] = {
-    "robot.name": ("", f"Robot: {names(ROBOTS)}, or a .toml file; other robot.* parameters override it."),
+    "robot.name": ("", f"Robot: {names(ROBOTS)}, or a .toml file; other robot.* parameters that are set override it."),
     "yaw_tolerance": (math.pi, "rad; tolerance of the final heading of wheels; pi or more: any heading."),
     "autostart": (False, "Configure and activate at start, without a lifecycle manager."),
     "map_occupied": (100, "1 to 100; cost from which a cell of the map is blocked (lethal cells of a costmap have 100)."),
@@ -102,7 +103,10 @@ class Settings:
 
     @staticmethod
     def of(values: Mapping[str, Any]) -> Settings:
-        """Check `values` by name; raise `BadInput` for whatever a definition refuses."""
+        """Check `values` by name; raise `BadInput` for whatever a definition refuses.
+
+        What is left out of `robot.*` is as the named robot has it, or else as `RobotSpec` has it.
+        """
 
         def part(prefix: str) -> dict[str, Any]:
             return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
@@ -124,7 +128,7 @@ class Settings:
                 name,
                 values[name],
                 low=0.0,
-                high=1.0 if name == "scan_valid" else math.inf,
+                high=1.0 if name in ("scan_valid", "scan_clear") else MAX_PLACE,
                 open_low=True,
                 unit=text.partition(";")[0],
             )
@@ -153,8 +157,8 @@ _TASK_DEFAULTS = {"stay": 1.0}  # of a task, in place of its defaults: a robot i
 _UNSAID = {"drive": "", "brake_max": 0.0, "footprint": "[]"}  # for parameters without a default, or that may be None
 
 
-def _robot(name: str, **options: Any) -> RobotSpec:
-    """Return the robot of that name with the non-default options or, without a name, the robot of the options.
+def _robot(name: str = "", drive: str = "", **given: Any) -> RobotSpec:
+    """Return the robot of that name with what is given besides or, without a name, the robot of what is given.
 
     Raises
     ------
@@ -162,31 +166,35 @@ def _robot(name: str, **options: Any) -> RobotSpec:
         For values that `RobotSpec` refuses, or if neither a name nor a drive is given, because a holonomic robot is no
         sensible default.
     """
-    checks.number("brake_max", options["brake_max"], low=0.0, infinite=True, unit="m/s^2; 0: as a_max")
+    if "brake_max" in given:
+        given["brake_max"] = checks.number("brake_max", given["brake_max"], low=0.0, infinite=True, unit="m/s^2; 0: as a_max")
+        given["brake_max"] = given["brake_max"] or None
+    if "footprint" in given:
+        given["footprint"] = _footprint(given["footprint"])
     try:
         base = load_robot(checks.instance("name", name, str)) if name else None
     except BadInput as wrong:
         raise wrong.at("", "name" if wrong.field == "robot" else wrong.field) from None
-    if base is None and options["drive"] == "":
+    if base is not None:
+        slower = RobotSpec(v_max=given.get("v_max", base.v_max)).v_max  # which is then its limit in reverse, too
+        given.setdefault("v_reverse", min(base.v_reverse, slower))
+        return replace(base, **given, drive=drive or base.drive)
+    if drive == "":
         allowed = f"{', '.join(DRIVES)}; or robot.name one of {', '.join(ROBOTS)} or a .toml file"
         raise BadParameter("drive", "", allowed)
-    plain = {f.name: _UNSAID.get(f.name, f.default) for f in fields(RobotSpec)}
-    given = {key: value for key, value in options.items() if value != plain[key]}
-    if "footprint" in given:
-        given["footprint"] = _footprint(given["footprint"])
-    return RobotSpec(**given) if base is None else replace(base, **given)
+    return RobotSpec(**given, drive=drive)
 
 
 def _footprint(text: object) -> Any:
-    """Return the corners of a footprint in Nav2's format: "[[0.2, 0.1], [0.2, -0.1], [-0.2, 0.0]]"."""
+    """Return the corners of a footprint in Nav2's format, "[[0.2, 0.1], [0.2, -.1], [-0.2, 0.0]]"; None for "[]" or ""."""
     allowed = 'the corners of a convex polygon as Nav2 writes them, "[[x, y], [x, y], [x, y]]" in m, or "[]" for a disc'
     try:
-        found = json.loads(checks.instance("footprint", text, str))
-    except ValueError:
-        raise BadParameter("footprint", text, allowed) from None
+        found = ast.literal_eval(checks.instance("footprint", text, str).strip() or "[]")
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        found = ()
     if not isinstance(found, list):
         raise BadParameter("footprint", text, allowed)
-    return found
+    return found or None
 
 
 def _reader(kind: str, hook: str, radius: float) -> Callable[[Any], Any] | None:
@@ -213,16 +221,18 @@ def _reader(kind: str, hook: str, radius: float) -> Callable[[Any], Any] | None:
 
 def defaults(**changes: Any) -> dict[str, Any]:
     """Return the default values of all parameters for a holonomic robot, with `changes`."""
-    return {name: one.default for name, one in parameters().items()} | {"robot.drive": "holonomic"} | changes
+    values = {name: one.default for name, one in parameters().items() if not name.startswith("robot.")}
+    return values | {"robot.drive": "holonomic"} | changes
 
 
 def refused(values: Mapping[str, Any], name: str, value: Any) -> BadInput | None:
     """Return why `value` is refused for the parameter `name` besides `values`, for any drive; None if it is not."""
     wrong = None
     for drive in DRIVES if name.startswith("robot.") else DRIVES[:1]:
-        turning = {"robot.turning_radius": 0.5} if drive == "ackermann" else {}
+        needed = {"robot.turning_radius": 0.5} if drive == "ackermann" else {}
+        needed |= {"robot.v_max": MAX_SPEED} if name == "robot.v_reverse" else {}
         try:
-            Settings.of({**values, "robot.drive": drive, **turning, name: value})
+            Settings.of({**values, "robot.drive": drive, **needed, name: value})
         except BadInput as error:
             wrong = error
         else:

@@ -12,6 +12,8 @@ from antway.errors import BadParameter
 from antway.ros2 import convert
 from antway.ros2.frames import HERE, Pose
 
+POSTDATED = 2.0  # s; by how much a transform may be post-dated: localisations do that (Nav2's AMCL by 1 s) as long as they hold
+
 
 class Transforms:
     """The latest transforms received by `node`."""
@@ -34,7 +36,8 @@ class Transforms:
         Raises
         ------
         BadParameter
-            If there is none, it is more than `timeout` s from `t` s, or it is tilted; static ones (time 0) have no age.
+            If there is none, it is more than `timeout` s older or `timeout` + POSTDATED s newer than `t` s, or it is tilted;
+            static ones (time 0) have no age.
         """
         if frame == within:
             return HERE
@@ -45,7 +48,8 @@ class Transforms:
         except self.tf2.TransformException as error:
             raise BadParameter("header.frame_id", frame, f"{within}, or a frame that tf knows ({error})") from None
         stamp, move = convert.seconds(found.header.stamp), found.transform
-        if stamp != 0.0 and abs(t - stamp) > timeout:
-            raise BadParameter(f"age of tf from {within} to {frame}", t - stamp, f"within {timeout:g} s: tf is silent")
+        if stamp != 0.0 and not -POSTDATED - timeout <= t - stamp <= timeout:
+            age, allowed = f"{t - stamp:.2f} s", f"at most {timeout:g} s (down to -{POSTDATED + timeout:g} s): tf is silent"
+            raise BadParameter(f"age of tf from {within} to {frame}", age, allowed)
         place = convert.plain("", position=move.translation, orientation=move.rotation)
         return convert.read_pose(place, where=f"tf from {within} to {frame}")

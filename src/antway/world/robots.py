@@ -194,7 +194,7 @@ def convex_footprint(field: str, value: object) -> tuple[tuple[float, float], ..
     allowed = "the corners of a convex polygon, which does not cross itself, in order, (x, y) in m"
     listed = checks.sequence(field, value, allowed)
     if not 3 <= len(listed) <= _MOST_CORNERS:
-        raise BadParameter(field, len(listed), f"3 to {_MOST_CORNERS} corners")
+        raise BadParameter(field, listed, f"3 to {_MOST_CORNERS} corners")
     corners = np.array([checks.point(f"{field}[{i}]", corner) for i, corner in enumerate(listed)])
     if np.abs(corners).max() > 1e6:
         raise BadParameter(field, float(np.abs(corners).max()), "at most 1e6 (m)")
