@@ -9,7 +9,7 @@ import numpy as np
 
 from antway import checks
 from antway.baselines.replan import Follow, now
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import stream
 from antway.kernels.baselines.mppi import Sampling, path_integral
@@ -117,11 +117,10 @@ class Mppi(Follow):
         segments[:, 2:4], segments[:, 4:6] = xy + late * velocity, velocity
         segments[:, 6] = observation.tracks.radius + robot.radius
         sigma = np.zeros((len(xy), 2))
-        look = segments, sigma, o.t, robot.dt, start, self.bounds, self.margins, 0.0, self.problem.outlook
-        entry(look_ahead, *look)(*look)
+        outlook = self.problem.outlook
+        call(look_ahead, segments, sigma, o.t, robot.dt, start, self.bounds, self.margins, 0.0, outlook)
         self.nominal[:-1] = self.nominal[1:]
-        arguments = self.nominal, self.sampling, self.problem, self.random
-        entry(path_integral, *arguments)(*arguments)
+        call(path_integral, self.nominal, self.sampling, self.problem, self.random)
         self.decide("follow", "the mean of what leads there best")
         one, two = self.nominal[0].tolist()
         return commanded(one, two, observation.heading, robot)

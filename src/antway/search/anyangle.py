@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid, Moves
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.search import polyanya, theta
 from antway.kernels.search.polyanya import BOTTOM, BOTTOM_END, EMPTY, EXPANDED, FOUND, NODES, PAUSED, START, TOP, TOP_END
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
@@ -127,8 +127,7 @@ def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
     memory = theta.Memory(length, parent, closed, np.empty((1024, 2)), counts, scratch)
     code = PAUSED
     while code == PAUSED and not clock.spent():
-        arguments = (problem.grid.blocked, sr * cols + sc, goal, lazy, memory, STEPS)
-        code = entry(theta.theta, *arguments)(*arguments)
+        code = call(theta.theta, problem.grid.blocked, sr * cols + sc, goal, lazy, memory, STEPS)
         if code == PAUSED and counts[0] + 8 > len(memory.heap):
             memory = memory._replace(heap=longer(memory.heap))
     if code == FOUND:

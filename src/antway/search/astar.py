@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from antway.grid import Grid, Moves
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.search.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, Memory, SearchMap, solve
 from antway.kernels.search.buckets import BLOCKS, CUT, KEYS, LIMIT, Queue
 from antway.kernels.search.lengths import DIAGONAL, STRAIGHT, octile
@@ -93,8 +93,8 @@ class Searcher:
             work.initialize()
             code, fresh, expanded = RUNNING, True, 0
             while code != DONE and not clock.spent():
-                arguments = (self.map, work.memory, work.base, row, col, goal_row, goal_col, fresh, STEPS)
-                code, path, diagonals, expanded = entry(solve, *arguments)(*arguments)
+                ends, memory = (row, col, goal_row, goal_col), (work.memory, work.base)
+                code, path, diagonals, expanded = call(solve, self.map, *memory, *ends, fresh, STEPS)
                 fresh = False
                 if code == FULL:
                     work.grow()

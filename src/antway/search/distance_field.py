@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Cell, Grid, Moves
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.search import distance_field as kernel
 from antway.kernels.search.canonical import START, Lattice
 from antway.kernels.search.distance_field import RING, STRAIGHT
@@ -145,8 +145,7 @@ class DijkstraField:
         """Spread until done or until the clock runs out; tell whether it is done."""
         code = kernel.RUNNING
         while code != kernel.DONE and not (clock and clock.spent()):
-            arguments = (self.net, self.targets, self.within * STRAIGHT, self.memory, STEPS)
-            code = entry(kernel.spread, *arguments)(*arguments)
+            code = call(kernel.spread, self.net, self.targets, self.within * STRAIGHT, self.memory, STEPS)
             if code == kernel.FULL:
                 self.memory = self.memory._replace(entries=longer(self.memory.entries))
         return code == kernel.DONE

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.grid import Grid, Moves
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.search.ch_query import QueryMemory, UpwardGraph, route, route_all
 from antway.kernels.search.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, Memory, contract, upward_graph
 from antway.kernels.search.subgoals import SubgoalMap, corners, link
@@ -139,8 +139,7 @@ class Hierarchy:
         """Solve a problem on this map."""
         work = self.spare.pop() if self.spare else self._workspace()
         try:
-            arguments = (*self.graphs, work, *problem.start, *problem.goal)
-            path, diagonals, expanded = entry(route, *arguments)(*arguments)
+            path, diagonals, expanded = call(route, *self.graphs, work, *problem.start, *problem.goal)
         finally:
             self.spare.append(work)
         if not len(path):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.base.rng import stream
 from antway.kernels.robot.sensor import Errors, degrade, scan
 from antway.limits import MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_PERIOD
@@ -110,8 +110,7 @@ class Scanner:
         """Return a new scan."""
         line, sensor = self.timeline, self.sensor
         at, out = (float(t), float(x), float(y)), (self.seen, self.state)
-        arguments = *at, self.sensor_range, sensor.occlusion, self.terrain, line.trajectories, *out
-        n = entry(scan, *arguments)(*arguments)
+        n = call(scan, *at, self.sensor_range, sensor.occlusion, self.terrain, line.trajectories, *out)
         covariance = None
         if not self.plain:
             agility = sensor.agility if sensor.velocity == "estimated" else 0.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from antway import checks
 from antway.errors import BadScenario
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, Record, advance
 from antway.kernels.robot.cycle import play
 from antway.kernels.robot.motion import REST
@@ -133,8 +133,7 @@ class Stage:
         dt, obstacles = self.task.robot.dt, self.timeline.trajectories
         if not self.stepwise:
             return play(self.n, dt, self.limits, self.body, self.log, self.aim, self.walls, obstacles, self.clearance)
-        arguments = self.n, dt, self.limits, self.aim, self.log, self.terrain, obstacles
-        return entry(advance, *arguments)(*arguments)
+        return call(advance, self.n, dt, self.limits, self.aim, self.log, self.terrain, obstacles)
 
     def _extend_timeline(self) -> None:
         """Move the obstacles that depend on the robot for the next control cycle."""

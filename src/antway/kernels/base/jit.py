@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
+P = ParamSpec("P")
+R = TypeVar("R")
 F = TypeVar("F", bound=Callable[..., object])
 PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
 
@@ -65,3 +67,9 @@ def entry(function: F, *sample: object) -> F:
     if function not in _entries:
         _entries[function] = dispatch.compiled_for(function, sample)
     return cast(F, _entries[function])
+
+
+def call(function: Callable[P, R], *arguments: P.args, **none: P.kwargs) -> R:
+    """Call the kernel `function` as `entry` compiles it, for the types of the arguments of its first call."""
+    compiled: Callable[..., R] = entry(function, *arguments)
+    return compiled(*arguments)

@@ -96,25 +96,20 @@ def wheels_segment(
     w0 = min(max(w0, -most), most)
     if b == 0.0 and w0 != cw:
         b = math.copysign(math.inf, cw - w0)  # alpha is infinite, but the steering limits the turn rate
-    if w0 >= most - _SNAP and b >= growth:
-        w0, b, w_end, w_time = most, growth, cw, math.inf
-        if growth > 0.0 and cw > most + _SNAP:
-            w_time = (cw - most) / growth
+    left_turn = w0 >= most - _SNAP and b >= growth
+    if left_turn or (w0 <= -most + _SNAP and b <= -growth):  # it is on the bound, and follows it
+        turn = 1.0 if left_turn else -1.0
+        w0, b, w_end, w_time = turn * most, turn * growth, cw, math.inf
+        if growth > 0.0 and turn * cw > most + _SNAP:
+            w_time = (turn * cw - most) / growth
         elif growth > 0.0:
             b = 0.0
-    elif w0 <= -most + _SNAP and b <= -growth:
-        w0, b, w_end, w_time = -most, -growth, cw, math.inf
-        if growth > 0.0 and -cw > most + _SNAP:
-            w_time = (-cw - most) / growth
-        elif growth > 0.0:
-            b = 0.0
-    else:
-        if b > growth and (most - w0) / (b - growth) < w_time:
-            w_time = (most - w0) / (b - growth)
-            w_end = most + growth * w_time
-        if -b > growth and (most + w0) / (-b - growth) < w_time:
-            w_time = (most + w0) / (-b - growth)
-            w_end = -(most + growth * w_time)
+    else:  # it meets the bound to its left or to its right, or none
+        for turn in (1.0, -1.0):
+            closing = turn * b - growth
+            if closing > 0.0 and (most - turn * w0) / closing < w_time:
+                w_time = (most - turn * w0) / closing
+                w_end = turn * (most + growth * w_time)
     h = min(h, w_time)
     v1 = v_end if h == time else v0 + a * h
     bound = abs(v1) / limits.turning_radius

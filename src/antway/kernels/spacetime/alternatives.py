@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import T0, T1, VX, VY, X, Y
-from antway.kernels.spacetime.context import PlanningContext, centre
+from antway.kernels.spacetime.context import PlanningContext, block_around, centre
 from antway.kernels.spacetime.motion import place_at
 
 _SAMPLES = 100  # number of steps into which the time span is divided
@@ -40,12 +40,10 @@ def passing(
 @kernel
 def free_time(context: PlanningContext, x: float, y: float, leg_cells: int) -> float:
     """Return the time from (x, y) to the goal without moving obstacles, s; the first leg goes up to `leg_cells` cells."""
-    rows, cols = context.rows, context.cols
-    col0 = math.floor((x - context.x0) / context.resolution + 0.5)
-    row0 = math.floor((y - context.y0) / context.resolution + 0.5)
+    top, bottom, left, right = block_around(context, x, y, leg_cells)
     best = math.inf
-    for row in range(max(row0 - leg_cells, 0), min(row0 + leg_cells, rows - 1) + 1):
-        for col in range(max(col0 - leg_cells, 0), min(col0 + leg_cells, cols - 1) + 1):
-            cx, cy = centre(context, row * cols + col)
-            best = min(best, math.hypot(cx - x, cy - y) / context.speed + context.field[row * cols + col])
+    for row in range(top, bottom):
+        for cell in range(row * context.cols + left, row * context.cols + right):
+            cx, cy = centre(context, cell)
+            best = min(best, math.hypot(cx - x, cy - y) / context.speed + context.field[cell])
     return best

@@ -19,9 +19,8 @@ from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel, shared_kernel
 from antway.kernels.base.records import Predictions
 from antway.kernels.base.rng import State, uniform
-from antway.kernels.spacetime.context import PlanningContext, centre, clear
+from antway.kernels.spacetime.context import PlanningContext, block_around, centre, clear
 from antway.kernels.spacetime.memory import (
-    ANT_STEPS,
     EXPANSIONS,
     GENERATION,
     HEAP_SIZE,
@@ -153,13 +152,10 @@ def deposit(memory: Memory, trails: Trails, context: PlanningContext, end: int, 
 @kernel
 def _legs(memory: Memory, context: PlanningContext, x: float, y: float, leg_cells: int) -> int:
     """Write the first moves, straight legs from (x, y) to cells up to `leg_cells` cells away; return how many there are."""
-    rows, cols = context.rows, context.cols
-    col0 = math.floor((x - context.x0) / context.resolution + 0.5)
-    row0 = math.floor((y - context.y0) / context.resolution + 0.5)
+    top, bottom, left, right = block_around(context, x, y, leg_cells)
     n = 0
-    for row in range(max(row0 - leg_cells, 0), min(row0 + leg_cells, rows - 1) + 1):
-        for col in range(max(col0 - leg_cells, 0), min(col0 + leg_cells, cols - 1) + 1):
-            cell = row * cols + col
+    for row in range(top, bottom):
+        for cell in range(row * context.cols + left, row * context.cols + right):
             if context.field[cell] < math.inf and n < LEGS:
                 memory.leg_cell[n] = cell
                 gx, gy = centre(context, cell)
@@ -239,7 +235,6 @@ def _step(
     The least promise of the untried moves becomes the key of s among the open states.
     """
     cell, now = memory.cell[s], memory.arrival[s]
-    memory.counter[ANT_STEPS] += 1
     if s == 0:
         steps = _Steps(np.int64(0), memory.leg_cell, memory.leg_time, 0.0, origin.cost_rate)
         promised, untried = now + origin.here + origin.cost_rate * origin.here, origin.legs & ~memory.tried[0]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_cells
-from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.spacetime.segments import TOUCH, unsafe_stay
 
@@ -40,6 +41,14 @@ def centre(context: PlanningContext, cell: int) -> tuple[float, float]:
     """Return the place (x, y) of a flat cell, m."""
     cols = context.cols
     return context.x0 + (cell % cols) * context.resolution, context.y0 + (cell // cols) * context.resolution
+
+
+@inner_kernel
+def block_around(context: PlanningContext, x: float, y: float, cells: int) -> tuple[int, int, int, int]:
+    """Return the rows [first, last) and columns [first, last) up to so many cells from the one nearest to (x, y)."""
+    col = math.floor((x - context.x0) / context.resolution + 0.5)
+    row = math.floor((y - context.y0) / context.resolution + 0.5)
+    return max(row - cells, 0), min(row + cells + 1, context.rows), max(col - cells, 0), min(col + cells + 1, context.cols)
 
 
 @bare_kernel

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import CLEARANCE_RADIUS, T0, T1, VX, VY, Predictions, X, Y
-from antway.kernels.spacetime.segments import TOUCH, delayed, unsafe_stay, within
+from antway.kernels.spacetime.segments import TOUCH, delayed, insert_interval, unsafe_stay, within
 
 KNOTS = 2048  # most knots of a plan
 SEGMENTS = 2048  # most motion segments of all predictions together
@@ -18,9 +18,9 @@ NEAR = 1 << 16  # most pairs of an open cell and a motion segment near it in one
 STATES = 1 << 14  # most states of a search; when they are used up, the search ends with the best path so far
 HEAP = 1 << 15  # most entries of the heap of open states, including stale ones
 LEGS = 64  # most first moves, which go from the robot's place to the centres of cells around it
-# Entries of `Memory.counter`: the number of searches so far; then the numbers of states, tested moves, steps of ants, heap
-# entries and rows of `near_segment` in the present search.
-GENERATION, STATE_COUNT, EXPANSIONS, ANT_STEPS, HEAP_SIZE, NEAR_COUNT = range(6)
+# Entries of `Memory.counter`: the number of searches so far; then the numbers of states, tested moves, heap entries and rows of
+# `near_segment` in the present search.
+GENERATION, STATE_COUNT, EXPANSIONS, HEAP_SIZE, NEAR_COUNT = range(5)
 
 
 class Memory(NamedTuple):
@@ -47,10 +47,10 @@ class Memory(NamedTuple):
     heap_state: NDArray[np.int32]  # [HEAP]
     leg_cell: NDArray[np.int64]  # [LEGS] cells of the first moves
     leg_time: NDArray[np.float64]  # [LEGS] s
-    span: NDArray[np.float64]  # [2, SEGMENTS] scratch
+    span: NDArray[np.float64]  # [SEGMENTS, 2] scratch
     knots: NDArray[np.float64]  # [KNOTS, 3] scratch, rows (t, x, y)
     segments: NDArray[np.float64]  # [SEGMENTS, 8] scratch
-    counter: NDArray[np.int64]  # [6] see GENERATION and the others above
+    counter: NDArray[np.int64]  # [5] see GENERATION and the others above
 
 
 @bare_kernel
@@ -72,7 +72,6 @@ def open_cell(
     The motion segments that come near enough to matter for a move out of the cell are stored. No move is longer than
     `longest_move` m.
     """
-    lows, highs = memory.span[0], memory.span[1]
     n, near = 0, memory.counter[NEAR_COUNT]
     if near + len(segments) > len(memory.near_segment):  # the memory is full, so the cell stays closed
         memory.stamp[cell], memory.intervals[cell] = memory.counter[GENERATION], 0
@@ -93,12 +92,7 @@ def open_cell(
         low, high = unsafe_stay(x, y, segments, p)
         if high <= t0 or low >= high:
             continue
-        i = n  # insert in order of `low`
-        while i > 0 and lows[i - 1] > low:
-            lows[i], highs[i] = lows[i - 1], highs[i - 1]
-            i -= 1
-        lows[i], highs[i] = low, high
-        n += 1
+        n = insert_interval(memory.span, n, low, high)
     memory.near[cell, 0], memory.near[cell, 1] = memory.counter[NEAR_COUNT], near  # the start is cell -1, the last row
     memory.counter[NEAR_COUNT] = near
     start = memory.counter[STATE_COUNT]
@@ -107,7 +101,7 @@ def open_cell(
         memory.first[cell] = start
     since = t0
     for i in range(n + 1):
-        until = lows[i] if i < n else math.inf
+        until = memory.span[i, 0] if i < n else math.inf
         if until > since + TOUCH and memory.counter[STATE_COUNT] < len(memory.cell) and since < horizon:
             s = memory.counter[STATE_COUNT]
             memory.cell[s], memory.low[s], memory.high[s] = cell, since, until
@@ -115,7 +109,7 @@ def open_cell(
             memory.tried[s], memory.distance_cost[s] = np.uint64(0), 0.0
             memory.counter[STATE_COUNT] += 1
         if i < n:
-            since = max(since, highs[i])
+            since = max(since, memory.span[i, 1])
     if cell >= 0:
         memory.intervals[cell] = memory.counter[STATE_COUNT] - start
         memory.latest[cell] = math.inf if memory.counter[STATE_COUNT] > start else -math.inf

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import CLEARANCE_RADIUS, CONTACT_RADIUS, T0, T1, VX, VY, Predictions, X, Y
 
 TOUCH = 1e-9
@@ -44,6 +44,17 @@ def within(x: float, y: float, distance: float, segments: Segments, p: int) -> t
     low = max(segments[p, T0], segments[p, T0] + (-av - root) / vv)
     high = min(segments[p, T1], segments[p, T0] + (-av + root) / vv)
     return (low, high) if low < high else (math.inf, -math.inf)
+
+
+@inner_kernel
+def insert_interval(intervals: NDArray[np.float64], n: int, low: float, high: float) -> int:
+    """Insert (low, high) into the first n rows of `intervals`, in the order of their starts; return the new number of rows."""
+    i = n
+    while i > 0 and intervals[i - 1, 0] > low:
+        intervals[i, 0], intervals[i, 1] = intervals[i - 1, 0], intervals[i - 1, 1]
+        i -= 1
+    intervals[i, 0], intervals[i, 1] = low, high
+    return n + 1
 
 
 @bare_kernel

@@ -16,7 +16,7 @@ from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime.prepare import NEVER
-from antway.kernels.spacetime.segments import Segments, earliest_departure, unsafe_stay
+from antway.kernels.spacetime.segments import Segments, earliest_departure, insert_interval, unsafe_stay
 
 FOUND, NO_PATH, BUDGET, FULL = 0, 1, 2, 3
 QUERY, STATES, ENTRIES = range(3)  # indices of `Workspace.counts`: number of the query, and of its states and heap entries
@@ -220,12 +220,7 @@ def _open(cell: int, x: float, y: float, now: float, segments: Segments, ws: Wor
     for p in range(len(segments)):
         low, high = unsafe_stay(x, y, segments, p)
         if low < high:
-            i = n
-            while i > 0 and spans[i - 1, 0] > low:
-                spans[i, 0], spans[i, 1] = spans[i - 1, 0], spans[i - 1, 1]
-                i -= 1
-            spans[i, 0], spans[i, 1] = low, high
-            n += 1
+            n = insert_interval(spans, n, low, high)
     since = now
     for i in range(n + 1):
         end = spans[i, 0] if i < n else NEVER

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import stream
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
@@ -315,17 +315,16 @@ class ControlColony:
             self._stand_at_goal()
         self.problem, self.began = self.problem._replace(start=state), start
         problem = self.problem._replace(weights=self._weights_now(start, state, rate))
-        look = segments, sigma, start, problem.dt, problem.start, self.bounds, self.margins, change, problem.outlook
-        entry(look_ahead, *look)(*look)
+        margins, outlook = self.margins, problem.outlook
+        call(look_ahead, segments, sigma, start, problem.dt, problem.start, self.bounds, margins, change, outlook)
         if len(knots):
-            plan = knots, start, problem.dt, arrival, self.options.trust, problem.outlook.plan
-            entry(spread_plan, *plan)(*plan)
+            call(spread_plan, knots, start, problem.dt, arrival, self.options.trust, outlook.plan)
         else:
-            problem.outlook.plan[:, 2] = -math.inf
+            outlook.plan[:, 2] = -math.inf
         shift(self.archive)
         arguments = self.archive, self.lattice, self.settings, problem, self.random
         if self.averaging is None:
-            entry(forage, *arguments)(*arguments)
+            call(forage, *arguments)
         else:
             search = restart if self.options.search == "random" else average
             search(*arguments, self.averaging)
@@ -354,8 +353,7 @@ class ControlColony:
     def same_path(self) -> bool:
         """Tell whether the best sequence leads along `path`; if not, `path` becomes where it leads."""
         best = self.archive.sequence[self.archive.order[0]]
-        arguments = best, self.problem, math.inf, self.xy
-        entry(judge, *arguments)(*arguments)
+        call(judge, best, self.problem, math.inf, self.xy)
         t = self.began + self.robot.dt * np.arange(len(best) + 1.0)
         path = TimedPath(t, np.vstack((self.problem.start[:2], self.xy)))
         if self.path is not None and _alike(self.path, path):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Moves
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.tracking import stays
 from antway.kernels.tracking.stays import update_stays
@@ -62,8 +62,7 @@ class Detours:
         The estimates, float64[K, 8], are those of kernels/tracking/kalman.py; each was last `seen`, float64[K], at a time in s.
         """
         self.due = t + _INTERVAL - 1e-6
-        scan = self._rows, self._count, estimates, seen, t
-        self._count = entry(update_stays, *scan)(*scan)
+        self._count = call(update_stays, self._rows, self._count, estimates, seen, t)
         to_go = self._time_to_go(xy)
         if self._expected and not self._expected <= _stays(self._rows[: self._count]):
             return self._expect(t, xy)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Moves
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.base.rng import stream
 from antway.kernels.crossing import KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, cycle
 from antway.kernels.sidestep import sidestep
@@ -282,8 +282,7 @@ class AntwayPolicy:
 
     def _crosses_edge(self, estimates: NDArray[np.float64]) -> bool:
         """Tell whether an obstacle crosses an edge of the map."""
-        arguments = estimates, self._state.terrain
-        return entry(crosses_edge, *arguments)(*arguments)
+        return call(crosses_edge, estimates, self._state.terrain)
 
     def _follow_plan(self, o: Observation) -> tuple[Command, int, float, float]:
         """Plan; return the command that follows the plan, what was done with the plan, its arrival and a lower bound on any."""
@@ -309,7 +308,8 @@ class AntwayPolicy:
         """Predict and plan in one cycle of kernels/crossing.py, from estimates `age` s old; return what `cycle` returns."""
         s = self._state
         self._adapt_settings(o.t)
-        arguments = (
+        return call(
+            cycle,
             s.memory or self.memory(),
             s.trails,
             s.context,
@@ -323,7 +323,6 @@ class AntwayPolicy:
             (float(o.xy[0]), float(o.xy[1])),
             s.rng,
         )
-        return entry(cycle, *arguments)(*arguments)
 
     def _adapt_settings(self, now: float) -> None:
         """Choose the pace, the preferred speed and the horizon by what is known of the tracks."""
@@ -350,8 +349,8 @@ class AntwayPolicy:
         if s.settings.wide_tubes.robot_radius == 0.0 or known == 0:
             return command
         knots, at = s.plan.knots[: int(s.plan.state[KNOT_COUNT])], (float(o.xy[0]), float(o.xy[1]))
-        arguments = knots, float(o.t), float(age), at, command, s.crowd.averaged[:known], s.context, s.settings.dt
-        return entry(sidestep, *arguments)(*arguments)
+        averaged, dt = s.crowd.averaged[:known], s.settings.dt
+        return call(sidestep, knots, float(o.t), float(age), at, command, averaged, s.context, dt)
 
     def _guarded(self, o: Observation, command: Command) -> Command:
         """Return the command that passes the guard."""

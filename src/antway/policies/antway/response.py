@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.robot.odometry import COLUMNS, HEADING, A, B, T, X, Y
 from antway.kernels.robot.response import GROWS, PLACE, SLOWS, TURNS, Period, learn
 from antway.policies.antway.odometry import Odometry
@@ -92,8 +92,7 @@ class Response:
         period = Period(self.seen[-2], self.seen[-1], given, commands)
         self.odometry.correct(period, self.robot.limits)
         tables = self.limits, self.latencies, self.ramps, _MEMORY, self.used, self.error, self.place, self.odometry.table
-        arguments = period, *tables
-        first, misplaced, speed, turn = entry(learn, *arguments)(*arguments)
+        first, misplaced, speed, turn = call(learn, period, *tables)
         wrong = self.odometry.check(self.seen[-2], self.seen[-1])
         if wrong:  # what was learnt came from wrong speeds
             first = speed = turn = 0.0

@@ -138,10 +138,10 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
         heap_state=ints(heap),
         leg_cell=np.zeros(LEGS, np.int64),
         leg_time=np.zeros(LEGS),
-        span=np.zeros((2, SEGMENTS)),
+        span=np.zeros((SEGMENTS, 2)),
         knots=np.zeros((KNOTS, 3)),
         segments=np.zeros((SEGMENTS, 8)),
-        counter=np.zeros(6, np.int64),
+        counter=np.zeros(5, np.int64),
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import averages, bounces, kalman, noise, reported, turns
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
@@ -100,13 +100,13 @@ class Tracker:
 
     def average(self, t: float, terrain: Terrain, out: NDArray[np.float64]) -> None:
         """Write the estimates at time `t` s to `out`, with the velocities that predict best."""
-        arguments = self.averages, self.averages_count, self.pool, self.estimates, terrain, float(t), out
-        self.averages_count = entry(averages.averaged, *arguments)(*arguments)
+        table = self.averages, self.averages_count, self.pool
+        self.averages_count = call(averages.averaged, *table, self.estimates, terrain, float(t), out)
 
     def count_turns(self, t: float, terrain: Terrain) -> tuple[float, float]:
         """Count the turns in the scan at time `t` s; return how often tracks turn, 1/s, and by how much on average, m/s."""
-        arguments = self._seen, self._seen_count, self._turns, self.estimates, terrain, float(t)
-        self._seen_count = entry(turns.count_turns, *arguments)(*arguments)
+        table = self._seen, self._seen_count, self._turns
+        self._seen_count = call(turns.count_turns, *table, self.estimates, terrain, float(t))
         seconds, number, changes = self._turns.tolist()
         return number / seconds, changes / max(number, 1.0)
 
