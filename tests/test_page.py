@@ -448,10 +448,14 @@ def test_the_pages_fit_the_screen(browser: Any, address: str, path: str, screen:
     page.context.close()
 
 
-def test_a_small_phone_shows_most_of_the_map(browser: Any, address: str) -> None:
-    """On 320 x 640 the rows above and below leave room for it."""
-    page, _ = opened(browser, address, (address, "data:"), **{**PHONE, "viewport": {"width": 320, "height": 640}})
-    assert page.locator(".bar").bounding_box()["y"] - page.locator(".stage").bounding_box()["y"] > 200
+@pytest.mark.parametrize(
+    "size, least", [((320, 640), 200), ((844, 390), 130), ((640, 360), 70)], ids=["small", "side", "zoomed"]
+)
+def test_a_small_screen_shows_most_of_the_map(browser: Any, address: str, size: tuple[int, int], least: int) -> None:
+    """On a small phone, on one on its side and at 200 % of a low window the rows above and below leave room for it."""
+    screen = {**PHONE, "viewport": {"width": size[0], "height": size[1]}}
+    page, _ = opened(browser, address, (address, "data:"), **screen)
+    assert page.locator(".bar").bounding_box()["y"] - page.locator(".stage").bounding_box()["y"] > least
     page.context.close()
 
 
@@ -506,6 +510,12 @@ def test_controls_are_inside_their_boxes(browser: Any, address: str, screen: dic
             assert part.evaluate("e => e.scrollWidth <= e.clientWidth + 2"), parts
     ruler = page.locator(".ruler")
     assert 20 < ruler.bounding_box()["width"] <= 120 and ruler.inner_text().endswith(" m")
+    assert ruler.evaluate("e => getComputedStyle(e).backgroundColor") != "rgba(0, 0, 0, 0)", "it is read over walls, too"
+    facts = "<dt>wait 1.25 s, then the direct path</dt><dd>+1.2 s</dd><dt>Closest approach</dt><dd>0.46 m in 2.6 s</dd>"
+    page.locator(".facts").evaluate("(e, text) => { e.innerHTML = text; }", facts)
+    lines = "e => { const text = document.createRange(); text.selectNodeContents(e); return text.getClientRects().length; }"
+    counts = [value.evaluate(lines) for value in page.locator(".facts dd").all()]
+    assert counts == [1, 1], "values stay in one line beside a long name"
     if screen is not PHONE:
         page.click("#help")
         expect(page, "#keys").to_have_attribute("open", "")

@@ -159,6 +159,12 @@ def test_no_wildcard_is_served(host: str) -> None:
         serve(host, 0, ready=lambda url: pytest.fail("it listens"))
 
 
+def test_a_host_that_cannot_be_used_is_named_once() -> None:
+    """What Python adds to the system's words, the address a second time, is left out."""
+    with pytest.raises(BadInput, match=r"^host:port = '192\.0\.2\.1:0': must be free, and of this machine \([^()]*\)$"):
+        serve("192.0.2.1", 0, ready=lambda url: pytest.fail("it listens"))
+
+
 def test_undo_keeps_no_more_than_its_budget_of_maps(monkeypatch: pytest.MonkeyPatch) -> None:
     """D14: strokes on a large map drop the oldest ones."""
     most, session = 3 * 2**20, Session()

@@ -95,7 +95,7 @@ def test_no_process_is_left(processes: Workers) -> None:
     """What waits for work ends with the server."""
     with pytest.raises(BadInput):
         processes.run("upload", None)
-    (process,) = processes.idle
+    (worker,) = processes.idle
     processes.close()
     with pytest.raises(ProcessLookupError):
-        os.kill(process.pid, 0)
+        os.kill(worker.process.pid, 0)

@@ -356,7 +356,7 @@ def bench_command(
 @app.command("warmup")
 def warmup_command(
     kinds: Annotated[
-        list[str] | None, typer.Argument(metavar="[KIND]...", help=f"What to prepare: {names(WARM)}; all by default.")
+        list[str] | None, typer.Argument(metavar="KIND", help=f"What to prepare: {names(WARM)}; all by default.")
     ] = None,
     workers: Annotated[int | None, number_option("workers", int, "N", "Processes; one per core by default.")] = None,
 ) -> int:

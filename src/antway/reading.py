@@ -60,22 +60,6 @@ def opened(path: Path, most: int, *, error: type[BadInput] = BadMap, field: str 
         raise error(field, path.name, f"a readable file ({fault})", where=where) from None
 
 
-def is_file(path: Path) -> bool:
-    """Tell whether `path` is a regular file; False also for invalid names."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
-
-
-def is_folder(path: Path) -> bool:
-    """Tell whether `path` is a folder; False also for invalid names."""
-    try:
-        return path.is_dir()
-    except (OSError, ValueError):
-        return False
-
-
 def read_bytes(path: Path, most: int, *, error: type[BadInput] = BadMap, field: str = "file") -> bytes:
     """Return the content of the regular file `path`, at most `most` bytes even if the file grows meanwhile."""
     with opened(path, most, error=error, field=field) as (file, _):

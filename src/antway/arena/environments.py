@@ -7,6 +7,7 @@ import io
 import itertools
 import math
 import warnings
+from os.path import isfile
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from antway.errors import BadMap, BadScenario, TooLarge
 from antway.grid import Cell, Grid
 from antway.limits import MAX_ORIGIN, MAX_PLACE
 from antway.maps import load_map
-from antway.reading import is_file, opened
+from antway.reading import opened
 from antway.scenes import SCENES, scene
 from antway.search.distance_field import distance_field
 from antway.world.line_of_sight import passes
@@ -142,7 +143,7 @@ def read_tracks(file: str) -> NDArray[np.float64]:
     BadScenario, TooLarge
     """
     path = Path(file)
-    if not is_file(path):
+    if not isfile(path):
         raise BadScenario("tracks", file, "an existing regular file")
     comma = path.suffix.lower() == ".csv"
     allowed = "the columns frame, id, x, z, y, vx, vz, vy of an obsmat.txt, or frame, id, x, y"

@@ -144,7 +144,7 @@ def load_suite(spec: str) -> Suite:
     """
     name, colon, argument = checks.instance("suite", spec, str).partition(":")
     if name not in SUITES:
-        raise BadParameter("suite", spec, f"one of {names(SUITES)} (a command also: predict, ants)")
+        raise BadParameter("suite", spec, f"one of {names(SUITES)} (on the command line also predict, ants)")
     if (name in OF_FILES) != bool(argument):
         raise BadParameter("suite", spec, f"{name}:FILE" if not argument else f"{name}, which takes no file")
     module, _, attribute = SUITES[name].partition(":")

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from os import PathLike
+from os.path import isfile
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,6 @@ from antway.maps import image, movingai, ros, text
 from antway.maps.limits import DEFAULT, Limits, as_path
 from antway.maps.movingai import ScenRow, load_scen
 from antway.maps.ros import GreyTrapWarning, load_costs
-from antway.reading import is_file
 from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
 
@@ -97,7 +97,7 @@ def load_map(
         If a picture is loaded without a resolution; a pixel is then 1 m wide.
     """
     file = shipped(path, map_file=True) or as_path(path)
-    if not file.suffix and not is_file(file):
+    if not file.suffix and not isfile(file):
         raise BadMap(
             "map", str(file), f"a map's file ({', '.join(_READ)}), or a shipped scene: {names(SHIPPED_SCENES)}", where=str(file)
         )

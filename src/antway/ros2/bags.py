@@ -7,6 +7,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from os.path import isdir, isfile
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from antway import checks
 from antway.errors import BadInput, BadMap, BadScenario, TooLarge
 from antway.grid import Grid
-from antway.reading import check_yaml, is_file, is_folder, limit_process, read_bytes
+from antway.reading import check_yaml, limit_process, read_bytes
 from antway.ros2 import convert
 from antway.world.policy import Command, RobotSpec, Tracks
 from antway.world.trace import Trace
@@ -167,10 +168,10 @@ def load_bag_tracks(path: str | Path, topic: str = "/obstacles", *, radius: floa
 
 def check_bag(path: str, error: type[BadMap] | type[BadScenario]) -> None:
     """Refuse a bag that is too large, or whose metadata is not plain YAML of limited size."""
-    size = sum(file.stat().st_size for file in Path(path).iterdir() if file.is_file()) if is_folder(Path(path)) else 0
+    size = sum(file.stat().st_size for file in Path(path).iterdir() if file.is_file()) if isdir(path) else 0
     if size > MAX_BYTES:
         raise TooLarge("bag", f"{size} bytes", f"at most {MAX_BYTES} bytes", where=path)
-    if is_file(Path(path) / "metadata.yaml"):
+    if isfile(Path(path) / "metadata.yaml"):
         for text in check_yaml(read_bytes(Path(path) / "metadata.yaml", MAX_METADATA, error=error), path, error=error, **_YAML):
             if len(text) > _PLAIN:  # the settings of a topic may be YAML inside a text
                 check_yaml(text.encode(), path, error=error, **_YAML)

@@ -391,7 +391,8 @@ def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], N
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         listener = socket.create_server((host, port), family=family)
     except OSError as error:
-        raise BadParameter("host:port", f"{host}:{port}", f"free, and of this machine ({error.strerror or error})") from None
+        why = str(error.strerror or error).partition(" (while")[0]  # which Python adds, and which names the same again
+        raise BadParameter("host:port", f"{host}:{port}", f"free, and of this machine ({why})") from None
     with listener:
         port = listener.getsockname()[1]
         token, workers = secrets.token_urlsafe(24), Workers() if os.name == "posix" else None

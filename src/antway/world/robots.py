@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario
 from antway.kernels.base.records import RobotLimits
 from antway.limits import MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_PERIOD
-from antway.reading import is_file, read_toml_file
+from antway.reading import read_toml_file
 
 DRIVES = ("holonomic", "differential", "ackermann")  # in the order of kernels/base/records.py
 DYNAMICS = ("ramps", "steps")
@@ -297,7 +298,7 @@ def load_robot(name: str | Path) -> RobotSpec:
     if isinstance(name, str) and name in ROBOTS:
         return ROBOTS[name][0]
     path = Path(name) if isinstance(name, (str, Path)) else None
-    if path is None or path.suffix != ".toml" or not is_file(path):
+    if path is None or path.suffix != ".toml" or not isfile(path):
         raise BadParameter("robot", str(name), f"one of {', '.join(ROBOTS)}, or an existing file .toml")
     where = str(path)
     record = read_toml_file(path, _MAX_BYTES, "robot")

@@ -7,6 +7,7 @@ import math
 import warnings
 from dataclasses import MISSING, dataclass, field, fields, replace
 from os import PathLike
+from os.path import isfile
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -17,7 +18,7 @@ from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario, TooLarge
 from antway.limits import MAX_TIME
 from antway.maps import load_map, save_map
-from antway.reading import is_file, opened, read_toml_file
+from antway.reading import opened, read_toml_file
 from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
 from antway.world.line_of_sight import check_clear
@@ -168,7 +169,7 @@ def load_scenario(path: str | Path) -> Scenario:
     if not isinstance(path, (str, PathLike)):
         raise BadScenario("path", path, "a path")
     path = shipped(path) or Path(path)
-    if not is_file(path):
+    if not isfile(path):
         raise BadScenario("scenario", str(path), f"an existing regular file, or a shipped scene: {names(SHIPPED_SCENES)}")
     return _scenario(read_toml_file(path, MAX_BYTES, "scenario"), path.parent, str(path))
 
@@ -268,7 +269,7 @@ def _file_below(value: object, name: str, folder: Path, where: str) -> Path:
         raise BadScenario(name, value, allowed, where=where)
     file = folder / value
     try:
-        found = file.resolve().is_relative_to(folder.resolve()) and is_file(file)
+        found = file.resolve().is_relative_to(folder.resolve()) and isfile(file)
     except (OSError, ValueError):  # such as a name longer than a file's may be
         found = False
     if not found:

@@ -7,6 +7,7 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Mapping
+from os.path import isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
@@ -18,7 +19,7 @@ from antway.errors import BadInput, BadScenario
 from antway.grid import Grid
 from antway.limits import MAX_DEPTH, MAX_LISTS, MAX_PLACE
 from antway.planning import TimedPath
-from antway.reading import Unpacked, check_nesting, is_file, read_text
+from antway.reading import Unpacked, check_nesting, read_text
 from antway.world.policy import Decision, RobotSpec, Task
 from antway.world.stops import rounds_of
 from antway.world.timeline import COLUMNS, Timeline
@@ -124,7 +125,7 @@ def read_fields(path: Path) -> dict[str, Any]:
     All errors are `BadInput`s that name the file and the key; they are `BadScenario`s unless a value is wrong.
     """
     where = str(path)
-    if not is_file(path):
+    if not isfile(path):
         raise BadScenario("trace", where, "an existing regular file", where=where)
     try:
         text = read_text(path, MAX_BYTES, error=BadScenario, field="trace")
