@@ -487,7 +487,7 @@ def test_tubes_of_people_hold_on_their_law() -> None:
 @needs_data
 def test_recorded_people_are_foretold_no_worse_than_by_constant_velocity() -> None:
     """On every recording the errors are at most 3 % above those of constant velocity, and on the noisy ones well below."""
-    for name, most in (("eth", 0.9), ("zara01", 1.03), ("citr", 0.7)):
+    for name, most in (("eth", 0.9), ("zara01", 1.03), ("citr", 0.8)):
         told = forecast(str(SHARED / "tracks" / f"{name}.csv"))
         for horizon, own, constant in told.fde:
             assert own < most * constant, (name, horizon)
@@ -607,15 +607,19 @@ def test_tubes_are_learnt_to_hold_whatever_people_do(factor: float) -> None:
 
 
 def test_the_mean_error_of_forecasts_is_that_of_a_loop(tmp_path: Path) -> None:
-    """Each time up to the horizon counts once; what the record is too short for is NaN, and a dash in the table."""
+    """Each time up to the horizon counts once; what the record is too short for is NaN, and a dash in the table.
+
+    Constant velocity is that over the last 0.4 s, however often a record tells places.
+    """
     rng, file = np.random.default_rng(3), tmp_path / "t.csv"
-    t, xy = 0.4 * np.arange(20), np.cumsum(rng.normal(0.4, 0.1, (20, 2)), axis=0)
-    file.write_text("".join(f"{a},7,{x},{y}\n" for a, (x, y) in zip(t.tolist(), xy.tolist(), strict=True)))
-    found, errors = forecast(str(file)), []
-    for k in range(2, 20 - 12):
-        ahead = [xy[k] + (xy[k] - xy[k - 1]) * n - xy[k + n] for n in range(1, 13)]
-        errors.append(np.hypot(*np.transpose(ahead)).mean())
-    assert found.ade[2][2] == pytest.approx(np.mean(errors), abs=1e-9)
+    for each in (4, 1):  # rows in 0.4 s
+        xy = np.cumsum(rng.normal(0.4, 0.1, (20 * each, 2)), axis=0) / each
+        file.write_text("".join(f"{0.4 * k / each},7,{x},{y}\n" for k, (x, y) in enumerate(xy.tolist())))
+        found, errors = forecast(str(file)), []
+        for k in range(2 * each, (20 - 12) * each):
+            ahead = [xy[k] + (xy[k] - xy[k - each]) * n - xy[k + n * each] for n in range(1, 13)]
+            errors.append(np.hypot(*np.transpose(ahead)).mean())
+        assert found.ade[2][2] == pytest.approx(np.mean(errors), abs=1e-9)
     file.write_text("".join(file.read_text().splitlines(keepends=True)[:8]))
     short = forecast(str(file))
     assert math.isfinite(short.fde[0][1]) and math.isnan(short.fde[2][1])

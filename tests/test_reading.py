@@ -18,7 +18,7 @@ import pytest
 from antway import BadInput, BadScenario, TooLarge, load_scenario, load_tsp, load_tsptw
 from antway.ants.tsplib import MAX_CITIES, MAX_LINES
 from antway.ants.tsplib import parse as parse_tsp
-from antway.arena.environments import read_tracks, tracks
+from antway.arena.environments import read_tracks, tracks, walks
 from antway.reading import Unpacked, check_nesting, decoded, numbers_in
 from antway.tours.time_windows import parse as parse_tsptw
 from antway.view import write_view
@@ -159,6 +159,24 @@ def test_the_step_of_frames(tmp_path):
     (tmp_path / "t.txt").write_text("".join(f"{k} 1 {0.05 * k} 0\n" for k in range(100)))
     with pytest.warns(UserWarning, match=r"0\.12 m/s"):
         tracks(str(tmp_path / "t.txt"))
+
+
+def test_what_is_odd_in_a_recording_is_told(tmp_path):
+    """Pixels, numbers that are swapped, and the row that lacks a place."""
+    file = tmp_path / "t.csv"
+    file.write_text("".join(f"{0.4 * k},1,{20 * k},{k % 3}\n" for k in range(50)))
+    with pytest.raises(TooLarge, match="x and y are in m"):
+        tracks(str(file))
+    with pytest.warns(UserWarning, match=r"50 m/s.*places in m"):
+        walks(read_tracks(str(file)), str(file))
+    file.write_text(
+        "".join(f"{0.4 * k},{i},{0.5 * k},{9 * (i == 1) if k < 9 else 9 * (i == 2)}\n" for i in (1, 2) for k in range(20))
+    )
+    with pytest.warns(UserWarning, match="2 steps are over 1 m long"):
+        tracks(str(file))
+    file.write_text('t,id,x,y\n"0","1","0","0"\n"0.4","1","nan","0"\n')
+    with pytest.raises(BadScenario, match=r"tracks, row 2 = \[0\.4, 1\.0, nan, 0\.0\]"):
+        read_tracks(str(file))
 
 
 def test_columns_of_a_recording_are_found_by_name(tmp_path):

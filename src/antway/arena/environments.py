@@ -105,7 +105,7 @@ def tracks(file: str) -> Suite:
     cell = 0.2
     shape = np.ceil((high - low) / cell).astype(int)
     if shape.max() > 2000:
-        raise TooLarge("tracks", tuple((high - low).tolist()), "a place of at most 400 m a side", where=file)
+        raise TooLarge("tracks", tuple((high - low).tolist()), "a place of at most 400 m a side; x and y are in m", where=file)
     grid = Grid(np.zeros((shape[1], shape[0]), np.bool_), cell, (float(low[0]), float(low[1]), 0.0))
     walkers = walks(table, file)
     last = float(table[:, 0].max())
@@ -161,14 +161,20 @@ def read_tracks(file: str) -> NDArray[np.float64]:
             if skip and missing:
                 raise ValueError(f"a heading without {', '.join(missing)}")
             used = [named.index(name) for name in _COLUMNS] if skip else None
-            table = np.loadtxt(lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS + 1, usecols=used)
+            table = np.loadtxt(
+                lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS + 1, usecols=used, quotechar='"'
+            )
         except ValueError as error:
             raise BadScenario("tracks", str(error), allowed, where=file) from None
     if len(table) > MAX_ROWS:
         raise TooLarge("tracks", f"{len(table)} rows or more", f"at most {MAX_ROWS} rows", where=file)
     y = {4: 3} if comma else {4: 3, 8: 4}  # the column of y, by the number of columns
-    if table.ndim != 2 or len(table) < 2 or table.shape[1] not in y or not (np.abs(table) <= MAX_PLACE).all():
-        raise BadScenario("tracks", table.shape, f"{allowed}; at least two lines of finite numbers, up to 1e10", where=file)
+    if table.ndim != 2 or len(table) < 2 or table.shape[1] not in y:
+        raise BadScenario("tracks", f"{table.shape} numbers", f"{allowed}; at least two lines", where=file)
+    sound = (np.abs(table) <= MAX_PLACE).all(axis=1)
+    if not sound.all():
+        row = int(np.argmin(sound))
+        raise BadScenario(f"tracks, row {row + 1}", table[row].tolist(), "finite numbers, up to 1e10", where=file)
     table = table[:, (0, 1, 2, y[table.shape[1]])]
     table = table[np.lexsort((table[:, 0], table[:, 1]))]
     steps, same = np.diff(table[:, 0]), np.diff(table[:, 1]) == 0
@@ -202,7 +208,7 @@ def walks(table: NDArray[np.float64], file: str) -> list[NDArray[np.float64]]:
     Warns
     -----
     UserWarning
-        If people walk so slowly or fast that the times are probably wrong.
+        If people walk so slowly or fast that times or places are probably in other units, or jump as if numbers were swapped.
     """
     steps, same = np.diff(table[:, 0]), np.diff(table[:, 1]) == 0
     if not same.any():
@@ -212,9 +218,21 @@ def walks(table: NDArray[np.float64], file: str) -> list[NDArray[np.float64]]:
     far = np.array([np.hypot(*(walk[-1] - walk[0])[1:]) for walk in found])
     took = np.array([walk[-1, 0] - walk[0, 0] for walk in found])
     speed = float(np.median((far / took)[far > 2.0])) if (far > 2.0).any() else 1.0
+    jumps = sum(_jumps(walk) for walk in found)
     if not 0.4 < speed < 4.0:
-        warnings.warn(f"{file}: who walks does so at {speed:.2g} m/s (the median); are the times right?", stacklevel=3)
+        units = "are times in s, or frames 0.4 s apart, and places in m?"
+        warnings.warn(f"{file}: who walks does so at {speed:.2g} m/s (the median); {units}", stacklevel=3)
+    elif jumps:
+        warnings.warn(
+            f"{file}: {jumps} steps are over 1 m long at over 8 m/s; do people swap their numbers there?", stacklevel=3
+        )
     return found
+
+
+def _jumps(walk: NDArray[np.float64]) -> int:
+    """Return how many steps of a walk are longer than 1 m and faster than 8 m/s, which people are not."""
+    t, x, y = np.diff(walk, axis=0).T
+    return int((np.hypot(x, y) > np.maximum(8.0 * t, 1.0)).sum())
 
 
 def _walk(rows: NDArray[np.float64], since: float, far: float) -> Replay:

@@ -21,7 +21,7 @@ HORIZONS = (1.0, 2.0, 4.8)  # s; the literature uses 4.8 s, in steps of 0.4 s
 TIMES = (0.5, 1.0, 2.0, 4.0)  # s; times at which tubes are tested
 CHANCES = (0.05, 0.2)
 PAST = 0.8  # s; length of a record that is observed before the first prediction
-STEP = 0.4  # s; step of the times that count in the mean error
+STEP = 0.4  # s; step of the times that count in the mean error, and of constant velocity, as in the literature
 _OPEN = Terrain(np.zeros((1, 1), np.bool_), -1e6, -1e6, 2e6)  # recordings come without walls
 
 
@@ -161,7 +161,7 @@ def _shown(value: float, form: str) -> str:
 def _estimates(
     walkers: list[NDArray[np.float64]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Replay recorded tracks; return the time, the track estimate and the last velocity for each prediction."""
+    """Replay recorded tracks; return the time, the track estimate and the velocity over the last STEP for each prediction."""
     table = np.vstack([_steps(name, walker) for name, walker in enumerate(walkers)])
     table = table[np.argsort(table[:, 0], kind="stable")]
     memory, count, pool = np.zeros((4096, COLUMNS)), 0, np.zeros(POOL)
@@ -172,15 +172,19 @@ def _estimates(
         estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, NAME] = scan[:, 2:4], scan[:, 4:6], scan[:, 1]
         out = np.empty_like(estimates)
         count = averaged(memory, count, pool, estimates, _OPEN, float(t), out)
-        known = scan[:, 6] >= PAST - 1e-9
+        known = scan[:, 8] >= PAST - 1e-9
         times.append(np.full(int(known.sum()), t))
         rows.append(out[known])
-        last.append(scan[known, 4:6])
+        last.append(scan[known, 6:8])
     return np.concatenate(times), np.vstack(rows), np.vstack(last)
 
 
 def _steps(name: float, walker: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a row for each step of a track: time, id, place, velocity since the row before, and time since the first row."""
+    """Return a row for each step of a track.
+
+    These are time, id, place, velocity since the row before, velocity over the last STEP s, and time since the first row.
+    """
     t, xy = walker[:, :1], walker[:, 1:]
-    velocity = np.diff(xy, axis=0) / np.diff(t, axis=0)
-    return np.column_stack((t[1:], np.full(len(velocity), name), xy[1:], velocity, t[1:] - t[0]))
+    since = np.minimum(np.searchsorted(t[:, 0], t[1:, 0] - STEP - 1e-9), np.arange(len(t) - 1))
+    velocity, steady = np.diff(xy, axis=0) / np.diff(t, axis=0), (xy[1:] - xy[since]) / (t[1:] - t[since])
+    return np.column_stack((t[1:], np.full(len(velocity), name), xy[1:], velocity, steady, t[1:] - t[0]))
