@@ -19,6 +19,7 @@ import pytest
 from antway.arena.engines import Job, bench, table_jobs
 from antway.arena.store import TIMING, Results, Row
 from antway.arena.suites import episodes
+from antway.arena.summary import paired
 from antway.baselines.replan import Follow
 from antway.cli import main
 from antway.errors import BadParameter, BadResults
@@ -51,6 +52,14 @@ class Counts(Follow):
         super().reset(task, seed)
         with open(os.environ["EPISODES_BEGUN"], "a") as file:
             file.write(f"{seed}\n")
+
+
+class Prints(Follow):
+    """Prints when it begins."""
+
+    def reset(self, task, seed):
+        super().reset(task, seed)
+        print("I begin")
 
 
 class Raises(Follow):
@@ -209,6 +218,24 @@ def test_wrong_input_is_refused(tmp_path, monkeypatch, capsys, change, printed):
         main()
     shown = capsys.readouterr()
     assert ended.value.code == 2 and printed in shown.err and not shown.out and not (tmp_path / "x" / "results.csv").exists()
+
+
+def test_what_policies_print_is_not_in_the_answer(tmp_path):
+    """It goes to stderr, also under antway run."""
+    place = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+    bench_line = ["bench", "synthetic", "--policies", "test_bench:Prints", "--episodes", "1", "--workers", "1", "--out", "b"]
+    for line in (["run", "paper", "--policy", "test_bench:Prints"], bench_line):
+        line = [sys.executable, "-m", "antway", *line, "--json"]
+        printed = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=place)
+        assert json.loads(printed.stdout) and "I begin" in printed.stderr
+
+
+def test_the_optimum_is_known_where_one_policy_hung():
+    """The row of a policy that was given up does not know it; those of others do, in whatever order policies are named."""
+    hung = Row("s", "e", "hung", 1, "0", "g", "timeout", "")
+    mine = Row("s", "e", "mine", 1, "0", "g", "reached", "", time=12.0, bound=10.0)
+    for names in (["hung", "mine"], ["mine", "hung"]):
+        assert paired([hung, mine], names)[1]["mine"] == [1.2]
 
 
 def test_a_file_of_others_is_refused(tmp_path):

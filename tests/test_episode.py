@@ -110,6 +110,25 @@ def test_a_failing_policy_ends_as_error_with_the_robot_stopped() -> None:
     wrong = run(crossing(), Steer(lambda o: "east"), horizon=1.0)
     assert wrong.outcome is Outcome.ERROR and "ValueError" in wrong.reason
 
+    left = run(crossing(), Steer(lambda o: sys.exit(3)), horizon=1.0)
+    assert left.outcome is Outcome.ERROR and "SystemExit: 3" in left.reason
+    path = np.zeros((2, 2))
+    decisions = {
+        "decision ": None,
+        "decision.obstacle": Decision("wait", "", obstacle="x"),
+        "decision.path": Decision("", "", path=path),
+    }
+    decisions |= {
+        "decision.reason": Decision("wait", None),
+        "decision.alternatives": Decision("", "", alternatives=[("wait", "2")]),
+    }
+    for field, decision in decisions.items():
+        odd = Steer(east)
+        odd.explain = lambda decision=decision: decision
+        unclear = run(crossing(), odd, horizon=1.0)
+        assert unclear.outcome is Outcome.ERROR and field in unclear.reason, unclear.reason
+        check_episode(unclear)
+
     def interrupts(observation):
         raise KeyboardInterrupt
 

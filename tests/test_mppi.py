@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
+from antway import BadParameter, Grid, Observation, RobotSpec, Scenario, Tracks, World, check_episode, make_policy, run
 from antway.kernels.base.records import RobotState
 from antway.kernels.baselines.mppi import path_integral
 from antway.kernels.controls.rollout import judge
@@ -56,6 +56,17 @@ def test_it_arrives_past_what_crosses(robot: RobotSpec) -> None:
         assert result.reached, (seed, result.outcome)
     again = run(hall(disc, robot=robot), "mppi", seed=1)
     assert again.trace.digest() == result.trace.digest()
+
+
+def test_commands_without_wheels_keep_the_limit() -> None:
+    """Samples limit vx and vy apart; the command is not faster than the robot in any direction."""
+    policy = make_policy("mppi", samples=20)
+    scenario = hall(robot=RobotSpec())
+    policy.reset(scenario.task, 1)
+    policy.nominal[:] = (1.0, 1.0)
+    policy.sampling = policy.sampling._replace(spread_a=0.0, spread_b=0.0)
+    command = policy.act(Observation(0.0, (1.125, 3.125), (0.7, 0.7), 0.0, Tracks.none()))
+    assert command.velocity == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
 
 
 def test_latency_is_driven_with() -> None:

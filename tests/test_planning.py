@@ -115,4 +115,5 @@ def test_a_plan_knows_its_metres_and_its_gap() -> None:
     plan = Plan(Status.FOUND, np.array([[0, 0], [0, 1]], np.int32), 0.5, lower_bound=0.5)
     assert plan.xy(OPEN).tolist() == [[0.25, 0.25], [0.75, 0.25]]
     assert plan.gap == 0.0
-    assert Plan(Status.FOUND, plan.cells, 0.5).gap == math.inf
+    unproved = Plan(Status.FOUND, plan.cells, 0.5)
+    assert unproved.gap == math.inf and repr(unproved).endswith("nothing proved)")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -225,7 +226,8 @@ def run_command(
             from antway.world.robots import load_robot
 
             place = place.driven_by(load_robot(robot))
-        result = run(place, policy, seed=seed)
+        with redirect_stdout(sys.stderr):  # what policies print does not belong to the answer on stdout
+            result = run(place, policy, seed=seed)
         if out is not None:
             numbers = write_episode(result, out)
         else:

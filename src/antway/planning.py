@@ -203,7 +203,8 @@ class Plan:
     def __repr__(self) -> str:
         if not len(self.cells):
             return f"Plan({self.status.value})"
-        proof = "optimal" if self.optimal else f"within {100 * self.gap:.1f} % of the best"
+        within = f"within {100 * self.gap:.1f} % of the best" if math.isfinite(self.gap) else "nothing proved"
+        proof = "optimal" if self.optimal else within
         return f"Plan({self.status.value}, {self.length:.3f} m, {len(self.cells)} cells, {proof})"
 
     def _repr_html_(self) -> str:

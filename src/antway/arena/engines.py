@@ -8,6 +8,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from multiprocessing.connection import Connection, wait
@@ -214,6 +215,8 @@ def _work(pipe: Connection) -> None:
     parent = multiprocessing.parent_process()
     assert parent is not None
     threading.Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
+    with suppress(OSError):  # where there is no stderr
+        os.dup2(2, 1)  # what policies print does not belong to the answer on stdout
     pipe.send(None)
     event.register("numba:compile", _Compiled(pipe))  # type: ignore[no-untyped-call]
     while True:
@@ -240,7 +243,7 @@ class _Compiled(event.Listener):
 def _safely(job: Job) -> Answer:
     try:
         return play(job)
-    except Exception as error:  # an episode that cannot start gets a row, too
+    except (Exception, SystemExit) as error:  # an episode that cannot start gets a row, too
         return job.failed(Outcome.ERROR, f"{type(error).__name__}: {error}")
 
 

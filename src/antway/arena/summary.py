@@ -123,7 +123,8 @@ def paired(
         by.setdefault((row.suite, row.episode, row.seed, row.version), {})[row.policy] = row
     common = [one for one in by.values() if all(policy in one for policy in policies)]
     wins = {p: np.array([float(one[p].reached) for one in common]) for p in policies}
-    bounds = [one[policies[0]].bound if math.isfinite(one[policies[0]].bound) else math.nan for one in common]
+    # The optimum is that of the episode; the row of a policy that hung or ended its process does not know it.
+    bounds = [min((row.bound for row in one.values() if math.isfinite(row.bound)), default=math.nan) for one in common]
     times = {p: metrics.time_ratio([one[p].time if one[p].reached else math.nan for one in common], bounds) for p in policies}
     return wins, times
 

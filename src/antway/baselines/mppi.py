@@ -123,4 +123,6 @@ class Mppi(Follow):
         call(path_integral, self.nominal, self.sampling, self.problem, self.random)
         self.decide("follow", "the mean of what leads there best")
         one, two = self.nominal[0].tolist()
-        return commanded(one, two, observation.heading, robot)
+        # Without wheels, vx and vy are limited apart, so both together can be too fast; rollouts and the robot slow them down.
+        over = 1.0 if robot.wheels else max(math.hypot(one, two) / robot.v_max, 1.0)
+        return commanded(one / over, two / over, observation.heading, robot)

@@ -27,6 +27,8 @@ from antway.world.stopwatch import Stopwatch
 from antway.world.trace import Outcome as Outcome
 from antway.world.trace import Trace
 
+_FAULTS = Exception, SystemExit  # of a policy: they end its episode, not the program
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeResult:
@@ -208,7 +210,7 @@ class Episode:
             if isinstance(driver, Foresees):
                 driver.foresee(stage.timeline)
             self.policy.reset(stage.task, self.seed)
-        except Exception as error:  # an exception of a policy ends its episode, not the program
+        except _FAULTS as error:
             self.outcome, self.reason = Outcome.ERROR, f"{self.name} at reset: {_message(error)}"
 
     @property
@@ -226,7 +228,7 @@ class Episode:
                 path = self._planned()
                 if path is not None and not (self.plans and path is self.plans[-1]):
                     self.plans.append(path)
-            except Exception as error:
+            except _FAULTS as error:
                 self._fault = f"{self.name} at {observation.t:g} s: {_message(error)}"
         if self.tour is not None:
             stage.end_at_goal(self.tour.homeward)
@@ -248,7 +250,7 @@ class Episode:
             return self._plans.planned()
         decision = self.policy.explain()
         if not self.decisions or decision is not self.decisions[-1][1]:
-            self.decisions.append((self.stage.n, decision))
+            self.decisions.append((self.stage.n, _checked(decision)))
         return decision.path
 
     def result(self, *, record: bool = True) -> EpisodeResult:
@@ -280,7 +282,24 @@ class Episode:
         )
 
 
-def _message(error: Exception) -> str:
+def _checked(decision: object) -> Decision:
+    """Return a policy's decision, if files and tables can hold it."""
+    known = checks.instance("decision", decision, Decision)
+    checks.instance("decision.action", known.action, str)
+    checks.instance("decision.reason", known.reason, str)
+    if known.obstacle is not None:
+        checks.integer("decision.obstacle", known.obstacle)
+    if known.path is not None:
+        checks.instance("decision.path", known.path, TimedPath)
+    for part in known.alternatives:
+        name, cost = checks.sequence("decision.alternatives", part, "pairs of a name and a cost in s", size=2)
+        checks.instance("decision.alternatives", name, str)
+        if not isinstance(cost, (float, np.floating)):
+            checks.number("decision.alternatives", cost, infinite=True, unit="s")
+    return known
+
+
+def _message(error: BaseException) -> str:
     """Return the message of an exception, and the last Python frame of its traceback."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno}, in {frames[-1].name})" if frames else ""
