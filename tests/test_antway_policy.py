@@ -464,7 +464,7 @@ def test_tables_of_tracks_grow_as_tracks_come(monkeypatch: pytest.MonkeyPatch) -
         for k, n in enumerate([5, 5, 30, 90, 90, 300, 300, 20]):
             tracks = Tracks(np.arange(n), xy[:n] + 0.1 * k * velocity[:n], velocity[:n], np.full(n, 0.2))
             said.append(policy.act(Observation(0.1 * k, (2.0, 2.0), (0.0, 0.0), 0.0, tracks)))
-        assert len(policy.state.tracker.table) == 256
+        assert len(policy.state.tracker.table.rows) == 256
         return said
 
     few = commands()

@@ -9,7 +9,8 @@ import pytest
 
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import crowd, orca
-from antway.kernels.tracking.predict import FAR_AHEAD, STEP_TIME, TubeMargins, predict
+from antway.kernels.tracking.predict import FAR_AHEAD, NAME, STEP_TIME, TubeMargins, predict
+from antway.kernels.tracking.table import make_table
 from antway.world.timeline import Timeline
 from common import cases
 from naive import crowd as naive
@@ -62,15 +63,15 @@ def circle(seed: int) -> Timeline:
 
 def watched(line: Timeline, steps: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Places 2 s after each scan: as predicted (NaN: not), and on at the velocity seen."""
-    rows, n, paths, straight = np.zeros((8, crowd.COLUMNS)), 0, [], []
+    table, paths, straight = make_table(8, crowd.COLUMNS, NAME), [], []
     trajectory = np.full((8, crowd.STEPS, 2), np.nan)  # of who is not predicted the first number alone is written
     for i in range(steps):
         t = i * STEP_TIME + 1e-6
         xy, velocity = line.at(t - 1e-9)[0], line.at(t - 1e-3)[1]
         velocity = np.zeros_like(velocity) if i == 0 else velocity
         estimates = np.column_stack((xy, velocity, line.radius, np.zeros((len(xy), 2)), line.id))
-        n = crowd.foresee(rows, n, estimates, t, 1.0, trajectory)
-        paths.append(xy + trajectory[:n, :8].sum(axis=1) * STEP_TIME)
+        crowd.foresee(table, estimates, t, 1.0, trajectory)
+        paths.append(xy + trajectory[: len(estimates), :8].sum(axis=1) * STEP_TIME)
         straight.append(xy + velocity * 2.0)
     return paths, straight
 
@@ -96,15 +97,15 @@ def test_discs_that_never_yield_are_not_taken_for_people() -> None:
     rng = np.random.default_rng(2)
     for turns in (False, True):
         heading = rng.uniform(-math.pi, math.pi, 8)
-        xy, rows, trajectory, n = rng.uniform(0.0, 4.0, (8, 2)), np.zeros((8, crowd.COLUMNS)), np.empty((8, crowd.STEPS, 2)), 0
-        followed = 0
+        xy, trajectory, followed = rng.uniform(0.0, 4.0, (8, 2)), np.empty((8, crowd.STEPS, 2)), 0
+        table = make_table(8, crowd.COLUMNS, NAME)
         for i in range(100):
             if turns and i % 10 == 5:
                 heading[rng.integers(8)] = rng.uniform(-math.pi, math.pi)
             velocity = 0.6 * np.column_stack((np.cos(heading), np.sin(heading)))
             estimates = np.column_stack((xy, velocity, np.full(8, 0.3), np.zeros((8, 2)), np.arange(8)))
-            n = crowd.foresee(rows, n, estimates, i * 0.1, 0.9, trajectory)
-            followed += bool(np.isfinite(trajectory[:n, 0, 0]).any())
+            crowd.foresee(table, estimates, i * 0.1, 0.9, trajectory)
+            followed += bool(np.isfinite(trajectory[: len(estimates), 0, 0]).any())
             xy = xy + velocity * 0.1
         assert followed <= (2 if turns else 0)
 
@@ -163,8 +164,8 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
 
 def test_the_nameless_have_no_past() -> None:
     """Without names nobody is told from another, and none is predicted but straight on."""
-    rows, trajectory, n = np.zeros((4, crowd.COLUMNS)), np.empty((4, crowd.STEPS, 2)), 0
+    table, trajectory = make_table(4, crowd.COLUMNS, NAME), np.empty((4, crowd.STEPS, 2))
     for i in range(10):
         estimates = np.array([[i * 0.1, 0.0, 1.0, 0.0, 0.3, 0.0, 0.0, -1.0], [3.0, 0.1, -1.0, 0.0, 0.3, 0.0, 0.0, -1.0]])
-        n = crowd.foresee(rows, n, estimates, i * 0.1, 1.0, trajectory)
-        assert n == 2 and np.isnan(trajectory[:2, 0, 0]).all() and (rows[:2, 8:13] >= 0.0).all()
+        crowd.foresee(table, estimates, i * 0.1, 1.0, trajectory)
+        assert table.used[0] == 2 and np.isnan(trajectory[:2, 0, 0]).all() and (table.rows[:2, 8:13] >= 0.0).all()

@@ -13,6 +13,7 @@ from antway.kernels.base.records import Terrain
 from antway.kernels.crossing import SEGMENT_COUNT
 from antway.kernels.tracking import curves
 from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
+from antway.kernels.tracking.table import make_table
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Replay
 from antway.world.policy import RobotSpec, Task
@@ -25,7 +26,7 @@ AIR = Terrain(np.zeros((1, 1), np.bool_), -1e6, -1e6, 2e6)
 
 
 def _rates(scans, terrain: Terrain = AIR) -> np.ndarray:
-    turning = curves.Turning(np.zeros((64, curves.COLUMNS)), np.zeros(curves.POOL), np.zeros(1, np.int64), np.zeros(64))
+    turning = curves.Turning(make_table(64, curves.COLUMNS), np.zeros(curves.POOL), np.zeros(64))
     for t, estimates in scans:
         curves.turn_rates(turning, estimates, estimates.copy(), terrain, t)
     return turning.rate[: len(estimates)]

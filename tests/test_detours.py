@@ -11,6 +11,7 @@ from antway import EpisodeResult, Grid, Moves, Scenario, World, check_episode, r
 from antway.kernels.tracking import stays
 from antway.kernels.tracking.predict import NAME, RADIUS, X, Y
 from antway.kernels.tracking.stays import COLUMNS, update_stays
+from antway.kernels.tracking.table import NAMED, SEEN, make_table, rows_in_use
 from antway.policies.antway import detours
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.nodes import make_context
@@ -85,7 +86,7 @@ def test_stays_are_those_of_the_slow_twin() -> None:
     """Discs stand, jitter, walk, or turn back after a metre; some come in sight late, and all are lost now and then."""
     rng = np.random.default_rng(3)
     for _ in range(cases(30, 500)):
-        rows, count, scans = np.zeros((8, COLUMNS)), 0, []
+        table, scans = make_table(8, COLUMNS), []
         xy, v = rng.uniform(0, 4, (6, 2)), rng.uniform(-1, 1, (6, 2)) * np.array([[0], [0], [0.1], [0.3], [1], [1]])
         for i in range(80):
             t = 0.25 * i
@@ -93,30 +94,31 @@ def test_stays_are_those_of_the_slow_twin() -> None:
             estimates, seen = np.zeros((6, 8)), np.full(6, t - 0.25)
             estimates[:, (X, Y)], estimates[:, RADIUS], estimates[:, NAME] = xy, 0.3, np.arange(6)
             seen[visible] = t
-            count = update_stays(rows, count, estimates, seen, t)
+            update_stays(table, estimates, seen, t)
             scans.append((t, {k: tuple(xy[k].tolist()) for k in visible.tolist()}))
             xy, v = xy + 0.25 * v + rng.normal(0, 0.01, (6, 2)), np.where(rng.random((6, 1)) < 0.2, -v, v)
         known = naive.stays(scans)
-        assert sorted(known) == sorted(rows[:count, stays.NAMED].astype(int).tolist())
-        for row in rows[:count]:
-            since, last, places = known[int(row[stays.NAMED])]
-            assert (row[stays.SINCE], row[stays.SEEN]) == (since, last)
+        assert sorted(known) == sorted(rows_in_use(table)[:, NAMED].astype(int).tolist())
+        for row in rows_in_use(table):
+            since, last, places = known[int(row[NAMED])]
+            assert (row[stays.SINCE], row[SEEN]) == (since, last)
             assert row[stays.LOW_X : stays.HIGH_X].tolist() == np.min(places, axis=0).tolist()
             assert row[stays.HIGH_X :].tolist() == np.max(places, axis=0).tolist()
 
 
 def test_a_stay_ends_when_the_obstacle_has_left_or_is_forgotten() -> None:
     """It is remembered out of sight for as long as it had stayed."""
-    rows, count, at = np.zeros((4, COLUMNS)), 0, np.zeros((1, 8))
+    table, at = make_table(4, COLUMNS), np.zeros((1, 8))
     for t in range(6):
-        count = update_stays(rows, count, at, np.array([float(t)]), float(t))
-    assert rows[0, [stays.SINCE, stays.SEEN]].tolist() == [0.0, 5.0]
-    assert update_stays(rows, count, at[:0], np.empty(0), 10.0) == 1
-    assert update_stays(rows, count, at[:0], np.empty(0), 10.25) == 0
-    count = update_stays(rows, 0, at, np.array([11.0]), 11.0)
+        update_stays(table, at, np.array([float(t)]), float(t))
+    assert table.rows[0, [stays.SINCE, SEEN]].tolist() == [0.0, 5.0]
+    for t, left in ((10.0, 1), (10.25, 0)):
+        update_stays(table, at[:0], np.empty(0), t)
+        assert table.used[0] == left
+    update_stays(table, at, np.array([11.0]), 11.0)
     at[0, X] = 1.1
-    update_stays(rows, count, at, np.array([12.0]), 12.0)
-    assert rows[0, stays.SINCE] == 12.0
+    update_stays(table, at, np.array([12.0]), 12.0)
+    assert table.rows[0, stays.SINCE] == 12.0
 
 
 def test_times_are_the_least_of_waits_and_detours() -> None:

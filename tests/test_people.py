@@ -35,6 +35,7 @@ from antway.kernels.tracking.predict import (
     predict,
 )
 from antway.kernels.tracking.spread import place_variance, tube_radius
+from antway.kernels.tracking.table import make_table
 from antway.policies.antway.nodes import make_context
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.tracker import NAMELESS, Tracker
@@ -112,10 +113,10 @@ def test_what_is_seen_raises_the_bounds() -> None:
 
 
 def _averaged(scans, terrain: Terrain = AIR) -> np.ndarray:
-    rows, pool, count, out = np.zeros((64, averages.COLUMNS)), np.zeros(averages.POOL), 0, np.empty(0)
+    table, pool, out = make_table(64, averages.COLUMNS), np.zeros(averages.POOL), np.empty(0)
     for t, estimates in scans:
         out = np.empty_like(estimates)
-        count = averages.averaged(rows, count, pool, estimates, terrain, t, out)
+        averages.averaged(table, pool, estimates, terrain, t, out)
     return out
 
 
@@ -405,9 +406,9 @@ def test_places_of_noise_are_told_from_their_innovations(measured: bool) -> None
             scans.append((t, np.arange(8), xy + rng.normal(0, sigma, (8, 2)) if sigma else xy.copy(), velocity))
             dt = 0.1 if measured else rng.uniform(0.05, 0.2)
             xy, t = xy + v * dt, t + dt
-        rows, state, found = np.zeros((16, noise.COLUMNS)), np.zeros(3), []
+        table, state, found = make_table(16, noise.COLUMNS), np.zeros(2), []
         for t, ids, places, velocity in scans:
-            found.append(noise.place_noise(rows, state, t, ids, places, velocity))
+            found.append(noise.place_noise(table, state, t, ids, places, velocity))
         slow = naive.place_noise(scans)
         assert math.sqrt(found[-1]) == pytest.approx(sigma, rel=0.34, abs=1e-3)
         assert measured or math.sqrt(found[20]) == pytest.approx(sigma, rel=0.5, abs=5e-3)  # after two seconds
@@ -435,8 +436,8 @@ def test_velocities_that_do_not_fit_places_are_noticed(how: str) -> None:
             scans.append((t, np.flatnonzero(seen), places[seen], told[seen]))
             dt = float(rng.choice([0.1, 0.2, 0.6], p=[0.8, 0.18, 0.02]))
             xy, t = xy + v * dt, t + dt
-        rows, state = np.zeros((16, reported.COLUMNS)), np.zeros(4)
-        found = [reported.wrong(rows, state, *scan) for scan in scans]
+        table, state = make_table(16, reported.COLUMNS), np.zeros(3)
+        found = [reported.wrong(table, state, *scan) for scan in scans]
         assert found == naive.velocities_are_wrong(scans)
         if how in WRONG_VELOCITIES:
             assert all(found[10:])

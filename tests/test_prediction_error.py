@@ -10,6 +10,7 @@ import pytest
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
 from antway.kernels.tracking.prediction_error import COLUMNS, LATER, POOL, compare_predictions, distrust, store_predictions
+from antway.kernels.tracking.table import make_table
 from common import cases
 
 BOX = np.zeros((40, 40), np.bool_)
@@ -61,7 +62,7 @@ def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float =
     """Tracks that bounce in a box and change their velocity by `wander` m/s a step; returns errors and distrust in the end."""
     n = 4
     xy, velocity = rng.uniform(1.0, 7.0, (n, 2)), rng.uniform(-0.9, 0.9, (n, 2))
-    rows, count, pool, slow, errors = np.zeros((16, COLUMNS)), 0, np.array(POOL), Slow(), np.empty(n)
+    table, pool, slow, errors = make_table(16, COLUMNS), np.array(POOL), Slow(), np.empty(n)
     missed = np.zeros(1, np.int64)
     names = np.arange(n, dtype=float)
     for i in range(steps):
@@ -72,8 +73,8 @@ def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float =
         segments = pieces[: predict(estimates, t, 0.0, 4.0, -50.0, 0.0, MARGINS, TERRAIN, NO_PREDICTIONS, pieces)]
         owner = np.cumsum(np.concatenate(([0], segments[1:, 0] < segments[:-1, 1]))) if len(segments) else np.empty(0)
         errors = np.empty(len(seen))
-        count = compare_predictions(rows, count, pool, missed, estimates, t, errors)
-        store_predictions(rows, count, estimates, t, segments)
+        compare_predictions(table, pool, missed, estimates, t, errors)
+        store_predictions(table, estimates, t, segments)
         expected = slow(estimates, t, segments, owner)
         assert errors == pytest.approx(expected, abs=1e-9)
         assert distrust(pool, missed) == pytest.approx(slow.distrust())

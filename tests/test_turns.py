@@ -14,6 +14,7 @@ from antway.kernels.controls.problem import CONTACT, TURN_DISTANCE, TURN_TIME
 from antway.kernels.tracking.bounces import COLUMNS
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.table import make_table
 from antway.kernels.tracking.turns import FIRST_SECONDS, count_turns
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
@@ -30,7 +31,7 @@ def test_turns_are_those_that_the_slow_twin_counts() -> None:
     """Tracks in a room come and go, turn now and then and bounce off its walls, and some have no velocity."""
     rng = np.random.default_rng(4)
     for _ in range(cases(30, 1000)):
-        rows, count, turns = np.zeros((16, COLUMNS)), 0, np.array([FIRST_SECONDS, 0.0, 0.0])
+        table, turns = make_table(16, COLUMNS), np.array([FIRST_SECONDS, 0.0, 0.0])
         v, step, scans = rng.uniform(-1, 1, (6, 2)), float(rng.choice([0.05, 0.1, 0.25])), []
         xy, bounces = rng.uniform(0.3, 3.7, (6, 2)), 0
         for i in range(60):
@@ -41,7 +42,7 @@ def test_turns_are_those_that_the_slow_twin_counts() -> None:
             estimates[:, (X, Y)], estimates[:, RADIUS] = xy[seen], 0.3
             estimates[:, (VX, VY)], estimates[:, NAME] = v[seen], seen
             estimates[seen == 5, SIGMA_V] = UNKNOWN
-            count = count_turns(rows, count, turns, estimates, ROOM, step * i)
+            count_turns(table, turns, estimates, ROOM, step * i)
             scans.append((step * i, {k: (*xy[k], *v[k]) for k in seen.tolist() if k != 5}))
             xy += step * v
             met = (xy < 0.3) & (v < 0.0) | (xy > 3.7) & (v > 0.0)
@@ -56,11 +57,11 @@ def test_a_disc_that_bounces_off_a_wall_does_not_turn() -> None:
     blocked = np.zeros((20, 40), np.bool_)
     blocked[:, 30:] = True
     for mirrored, number in ((True, 0.0), (False, 3.0)):
-        rows, count, turns, x, vx = np.zeros((16, COLUMNS)), 0, np.array([FIRST_SECONDS, 0.0, 0.0]), 1.5, 0.9
+        table, turns, x, vx = make_table(16, COLUMNS), np.array([FIRST_SECONDS, 0.0, 0.0]), 1.5, 0.9
         for i in range(80):
             vy = 0.5 if mirrored or vx > 0.0 else -0.5
             estimates = np.array([[x, 1.0, vx, vy, 0.3, 0.0, 0.0, 7.0]])
-            count = count_turns(rows, count, turns, estimates, Terrain(blocked, 0.0, 0.0, 0.1), 0.1 * i)
+            count_turns(table, turns, estimates, Terrain(blocked, 0.0, 0.0, 0.1), 0.1 * i)
             x += 0.1 * vx
             vx = -abs(vx) if x > 2.7 else abs(vx) if x < 0.3 else vx
         assert turns[1] == number
@@ -113,10 +114,10 @@ def test_a_robot_with_inertia_keeps_away_from_obstacles_that_turn_again_and_agai
 
 def test_scans_whose_time_goes_back_count_for_nothing() -> None:
     """Neither time observed nor turns come of them, however often the clock is set back."""
-    rows, count, turns = np.zeros((4, COLUMNS)), 0, np.array([FIRST_SECONDS, 0.0, 0.0])
+    table, turns = make_table(4, COLUMNS), np.array([FIRST_SECONDS, 0.0, 0.0])
     estimates = np.zeros((1, 8))
     estimates[0, X], estimates[0, Y], estimates[0, RADIUS] = 2.0, 2.0, 0.3
     for i in range(40):
         estimates[0, VX] = float(i % 4 // 2)
-        count = count_turns(rows, count, turns, estimates, ROOM, float(i % 2))
+        count_turns(table, turns, estimates, ROOM, float(i % 2))
     assert turns.tolist() == [FIRST_SECONDS, 0.0, 0.0]

@@ -16,6 +16,7 @@ from antway.kernels.base.records import Terrain
 from antway.kernels.tracking.averages import COLUMNS, POOL, averaged
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.spread import PEOPLE_DOF, learnt_factor, people_variance, tube_radius
+from antway.kernels.tracking.table import make_table
 
 HORIZONS = (1.0, 2.0, 4.8)  # s; the literature uses 4.8 s, in steps of 0.4 s
 TIMES = (0.5, 1.0, 2.0, 4.0)  # s; times at which tubes are tested
@@ -164,14 +165,14 @@ def _estimates(
     """Replay recorded tracks; return the time, the track estimate and the velocity over the last STEP for each prediction."""
     table = np.vstack([_steps(name, walker) for name, walker in enumerate(walkers)])
     table = table[np.argsort(table[:, 0], kind="stable")]
-    memory, count, pool = np.zeros((4096, COLUMNS)), 0, np.zeros(POOL)
+    memory, pool = make_table(4096, COLUMNS), np.zeros(POOL)
     times, rows, last = [], [], []
     for t in np.unique(table[:, 0]):
         scan = table[table[:, 0] == t]
         estimates = np.zeros((len(scan), 8))
         estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, NAME] = scan[:, 2:4], scan[:, 4:6], scan[:, 1]
         out = np.empty_like(estimates)
-        count = averaged(memory, count, pool, estimates, _OPEN, float(t), out)
+        averaged(memory, pool, estimates, _OPEN, float(t), out)
         known = scan[:, 8] >= PAST - 1e-9
         times.append(np.full(int(known.sum()), t))
         rows.append(out[known])

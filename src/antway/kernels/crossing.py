@@ -22,6 +22,7 @@ from antway.kernels.tracking.crowd import foresee
 from antway.kernels.tracking.curves import Turning, predict_turns, turn_rates
 from antway.kernels.tracking.predict import SIGMA_V, VX, VY, TubeMargins, X, Y, predict, time_shift
 from antway.kernels.tracking.prediction_error import compare_predictions, store_predictions
+from antway.kernels.tracking.table import Table
 
 KEPT, NEW, NONE = range(3)  # what a cycle did with the plan
 # Entries of `Plan.state`: the number of knots, the arrival at the goal in s, the number of cycles in which a plan was made, the
@@ -63,12 +64,11 @@ class Settings(NamedTuple):
 class Crowd(NamedTuple):
     """Estimates and predictions of obstacles; kernels/tracking/crowd.py predicts people who avoid one another."""
 
-    rows: NDArray[np.float64]  # [M, COLUMNS]
-    counts: NDArray[np.int64]  # [2] number of `rows` in use, and number of rows of `stored` in use
+    people: Table  # [M, crowd.COLUMNS]
     prediction: NDArray[np.float64]  # [M, STEPS, 2] m/s; predicted velocities
     averaged: NDArray[np.float64]  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
     turning: Turning
-    stored: NDArray[np.float64]  # [M, prediction_error.COLUMNS] stored predictions and their errors
+    stored: Table  # [M, prediction_error.COLUMNS] stored predictions and their errors
     pool: NDArray[np.float64]  # [2] errors of all tracks together, see kernels/tracking/prediction_error.py
     missed: NDArray[np.int64]  # [1] number of predictions of all tracks that missed
     velocity_error: NDArray[np.float64]  # [M] m/s; standard deviation of the predicted velocity of each track
@@ -296,14 +296,12 @@ def cycle(
     averaged, velocity_error = crowd.averaged[:n], crowd.velocity_error[:n]
     # Compare earlier predictions with what happened.
     turn_rates(crowd.turning, estimates, averaged, terrain, scanned)
-    crowd.counts[1] = compare_predictions(
-        crowd.stored, crowd.counts[1], crowd.pool, crowd.missed, averaged, scanned, velocity_error
-    )
+    compare_predictions(crowd.stored, crowd.pool, crowd.missed, averaged, scanned, velocity_error)
     if s.wide_tubes.robot_radius > 0.0 and n > 0:
         copy_row(velocity_error, averaged[:, SIGMA_V])
         most_delay = _DELAY_PER_ERROR * velocity_error.mean()
     # Predict all obstacles.
-    crowd.counts[0] = foresee(crowd.rows, crowd.counts[0], estimates, scanned, s.preferred_speed, crowd.prediction)
+    foresee(crowd.people, estimates, scanned, s.preferred_speed, crowd.prediction)
     predict_turns(estimates, crowd.turning.rate, crowd.prediction)
     c = _Cycle(context, terrain, s, plan, averaged, crowd.prediction[:n], now, age, xy[0], xy[1])
     as_predicted = _as_predicted(c)
@@ -311,7 +309,7 @@ def cycle(
     plan.state[SEGMENT_COUNT] = count
     predictions = Predictions(plan.segments[:count], time_shift(s.tubes))
     if s.stores_predictions:
-        store_predictions(crowd.stored, crowd.counts[1], estimates, scanned, predictions.segments)
+        store_predictions(crowd.stored, estimates, scanned, predictions.segments)
     # Keep the plan or search for a better one, and follow it.
     valid = _can_be_followed(c) and _is_clear(c, predictions)
     memory.counter[EXPANSIONS] = 0

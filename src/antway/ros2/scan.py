@@ -13,7 +13,8 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.tracking import kalman
-from antway.kernels.tracking.predict import RADIUS, SIGMA, SIGMA_V
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
+from antway.kernels.tracking.table import make_table
 from antway.limits import MAX_ANGLE, MAX_PLACE
 from antway.policies.antway.tracker import MOST_ROWS, names_of, nearest, with_names
 from antway.ros2.frames import Pose, move
@@ -157,8 +158,8 @@ class Tracker:
 
     def __init__(self, noise: float = 0.05, agility: float = 1.0) -> None:
         self.noise, self.agility = noise, agility
-        self.table, self.estimates = np.zeros((MOST_ROWS, kalman.COLUMNS)), np.zeros((MOST_ROWS, 8))
-        self.count, self.next_name, self.t = 0, 0, -math.inf
+        self.table, self.estimates = make_table(MOST_ROWS, kalman.COLUMNS, NAME), np.zeros((MOST_ROWS, 8))
+        self.next_name, self.t = 0, -math.inf
 
     def update(self, t: float, seen: Tracks, xy: XY = (0.0, 0.0)) -> Tracks:
         """Update with the tracks seen at `t` s; return all tracks that should be there at `t`. If time goes back, restart.
@@ -169,16 +170,16 @@ class Tracker:
         seen = seen.distinct()
         if len(seen) and seen.id.min() >= 0 and not np.isnan(seen.velocity).any():
             return seen
-        if len(seen) > len(self.table):
+        if len(seen) > MOST_ROWS:
             seen = nearest(seen, xy)
         if t < self.t:
-            self.count = 0
+            self.table.used[0] = 0
         self.t = t
-        seen, self.next_name = with_names(seen, t, self.table[: self.count], self.next_name)
+        seen, self.next_name = with_names(seen, t, self.table, self.next_name)
         variance = np.column_stack((np.full(len(seen), self.noise**2), np.zeros(len(seen))))
         scan = seen.id, seen.xy, seen.velocity, seen.radius, variance
-        self.count, known, _, _ = kalman.update(self.table, self.count, t, *scan, self.agility, self.estimates)
-        table, estimate = self.table[:known], self.estimates[:known]
+        known, _, _ = kalman.update(self.table, t, *scan, self.agility, self.estimates)
+        table, estimate = self.table.rows[:known], self.estimates[:known]
         covariance = np.zeros((known, 4, 4))
         age = t - table[:, kalman.T]
         for place, speed in ((0, 2), (1, 3)):

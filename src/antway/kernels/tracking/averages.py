@@ -18,11 +18,11 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking import bounces
-from antway.kernels.tracking.bounces import NAMED, SEEN, remember, velocity_change
+from antway.kernels.tracking.bounces import remember, velocity_change
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.prediction_error import LATER, add_error, count_comparison, summed_error, velocity_error
-from antway.kernels.tracking.table import drop_lost, row_of
+from antway.kernels.tracking.table import SEEN, Table, drop_lost, row_for
 
 TIMES = (0.4, 1.2)  # s; velocities are averaged over these times, weights fall with age; 0.4 to 1.2 s fit eth and citr best
 MODELS = len(TIMES) + 2  # the last velocity, those averages, and the mean of the first average and that of companions
@@ -43,41 +43,38 @@ _BETTER = 0.9  # 1; another model replaces the last velocity if its error is bel
 
 @kernel
 def averaged(
-    rows: NDArray[np.float64],
-    count: int,
+    table: Table,
     pool: NDArray[np.float64],
     estimates: NDArray[np.float64],
     terrain: Terrain,
     t: float,
     out: NDArray[np.float64],
-) -> int:
-    """Copy `estimates` to `out` with the velocities that predict best; return how many rows are in use.
+) -> None:
+    """Copy `estimates` to `out` with the velocities that predict best.
 
     Parameters
     ----------
-    rows : float64[M, COLUMNS]
-        The tracks known so far are the rows below `count`.
+    table : Table
+        The tracks known so far, [M, COLUMNS].
     pool : float64[POOL]
         As in `count_comparison`; zeros at first.
     estimates, out : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s.
     terrain : Terrain
     """
-    count = drop_lost(rows, count, SEEN, t)
+    rows = table.rows
+    drop_lost(table, t)
     row_at = np.full(len(estimates), -1)  # the row of each estimate, or -1 if it has none
     for k in range(len(estimates)):
         copy_row(estimates[k], out[k])
         if estimates[k, NAME] < 0.0 or estimates[k, SIGMA_V] >= UNKNOWN:
             continue
-        i = row_of(rows, count, NAMED, estimates[k, NAME])
-        if i == len(rows):
+        i, is_new = row_for(table, estimates[k, NAME])
+        if i < 0:
             continue
         row_at[k] = i
-        is_new = i == count
         if is_new:
-            count += 1
-            rows[i] = 0.0
-            rows[i, NAMED], rows[i, SEEN], rows[i, _SINCE] = estimates[k, NAME], t, -math.inf
+            rows[i, SEEN], rows[i, _SINCE] = t, -math.inf
         else:
             _mirror_at_wall(rows[i], estimates[k], t, terrain)
         _average(rows[i], estimates[k, VX], estimates[k, VY], t - rows[i, SEEN], is_new)
@@ -95,7 +92,6 @@ def averaged(
                 best, least = m, summed_error(row, pool, m)
         out[k, VX], out[k, VY] = _velocity(row, best, estimates[k, VX], estimates[k, VY])
         out[k, SIGMA_V] = math.hypot(estimates[k, SIGMA_V], velocity_error(row, pool, best))
-    return count
 
 
 @bare_kernel

@@ -14,10 +14,10 @@ from antway.kernels.base.geometry import reflected, wall_ahead
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
+from antway.kernels.tracking.table import NAMED, SEEN
 
-# First columns of a row in tables that compare scans: the name of the track, and when, where and with what velocity it was last
-# seen.
-NAMED, SEEN, _X, _Y, LAST_VX, LAST_VY = range(6)
+# Columns of a row after NAMED and SEEN in tables that compare scans: where and with what velocity the track was last seen.
+_X, _Y, LAST_VX, LAST_VY = range(2, 6)
 COLUMNS = 6
 GAP = 0.3  # s; a wall explains a change of velocity if the track would have touched it within this time
 _CHANGED = 0.1  # m/s; a smaller change of velocity is not looked at as a bounce

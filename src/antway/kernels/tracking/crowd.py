@@ -18,7 +18,7 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.orca import beyond, half_plane, least_violation, nearest
 from antway.kernels.tracking.predict import FAR_AHEAD, NAME, RADIUS, STEP_TIME, VX, VY, X, Y
-from antway.kernels.tracking.table import row_of
+from antway.kernels.tracking.table import Table, row_of
 
 # Columns of a row after those of a track estimate: the time of the estimate, the goal, the information matrix of the goal, the
 # next velocity as predicted, and the summed squared errors of constant velocity and of this prediction.
@@ -177,21 +177,20 @@ def straighten(prediction: NDArray[np.float64], first: int, last: int) -> None:
 
 @kernel
 def foresee(
-    rows: NDArray[np.float64],
-    count: int,
+    table: Table,
     estimates: NDArray[np.float64],
     t: float,
     preferred_speed: float,
     prediction: NDArray[np.float64],
-) -> int:
-    """Update the rows with one scan, and predict; return how many rows are in use.
+) -> None:
+    """Update the rows with one scan, and predict.
 
     There is one row for each estimate, in the same order; a crowd of more than _MOST has none.
 
     Parameters
     ----------
-    rows : float64[M, COLUMNS]
-        The people known so far are the rows below `count`; M >= K.
+    table : Table
+        The people known so far, [M, COLUMNS] with names in NAME; M >= K.
     estimates : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s. A track with a negative name has no past.
     preferred_speed : float
@@ -200,14 +199,16 @@ def foresee(
         N >= K. Filled with each person's velocity in steps of STEP_TIME s from `t` on, m/s. NaN in the first step means that
         the track is not predicted here.
     """
-    n = len(estimates)
+    rows, n = table.rows, len(estimates)
     prediction[:n, 0, 0] = math.nan
     if n > _MOST:
-        return 0
-    people, work, out = np.zeros((n, COLUMNS)), np.empty((max(n, count), 4)), np.empty(2)
-    _update(rows, count, estimates, t, preferred_speed, work, people)
+        table.used[0] = 0
+        return
+    people, work, out = np.zeros((n, COLUMNS)), np.empty((max(n, table.used[0]), 4)), np.empty(2)
+    _update(table, estimates, t, preferred_speed, work, people)
     for k in range(n):
         copy_row(people[k], rows[k])
+    table.used[0] = n
     avoiding = people[:, _ORCA_ERROR].sum() < _BETTER * people[:, _CONSTANT_ERROR].sum()
     lines, line_count, after = np.empty((n, n, 4)), np.empty(n, np.int64), people.copy()
     for s in range(STEPS if avoiding else 1):
@@ -225,29 +226,27 @@ def foresee(
         for k in range(n):
             straighten(prediction[k], _EXACT, _FAR_STEP)
             straighten(prediction[k], _FAR_STEP, STEPS)
-    return n
 
 
 @bare_kernel
 def _update(
-    rows: NDArray[np.float64],
-    count: int,
+    table: Table,
     estimates: NDArray[np.float64],
     t: float,
     preferred_speed: float,
     lines: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:
-    """Write to `out` the rows of the people of one scan, updated from rows[:count] before it; `lines` is scratch."""
+    """Write to `out` the rows of the people of one scan, updated from those before it; `lines` is scratch."""
     for k in range(len(estimates)):
         row = out[k]
-        before = row_of(rows, count, NAME, estimates[k, NAME]) if estimates[k, NAME] >= 0.0 else count
-        if before < count:
-            copy_row(rows[before], row)
+        before = row_of(table, estimates[k, NAME]) if estimates[k, NAME] >= 0.0 else -1
+        if before >= 0:
+            copy_row(table.rows[before], row)
             dt = t - row[_SEEN]
             if dt > 0.0:
                 vx, vy = estimates[k, VX], estimates[k, VY]
-                n = _lines(rows[:count], before, max(dt, 0.01), lines)
+                n = _lines(table.rows[: table.used[0]], before, max(dt, 0.01), lines)
                 if row[_A11] + row[_A22] > 0.0:  # only predictions with a known goal are compared
                     row[_CONSTANT_ERROR] = _DECAY * row[_CONSTANT_ERROR] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
                     row[_ORCA_ERROR] = _DECAY * row[_ORCA_ERROR] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2

@@ -16,12 +16,12 @@ from antway.kernels.base.geometry import reflected
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import bounces
-from antway.kernels.tracking.bounces import NAMED, SEEN, remember, velocity_change
+from antway.kernels.tracking.bounces import remember, velocity_change
 from antway.kernels.tracking.crowd import STEPS, straighten
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, SIGMA_V, STEP_TIME, VX, VY, X, Y
 from antway.kernels.tracking.prediction_error import add_error, count_comparison, summed_error
-from antway.kernels.tracking.table import drop_lost, row_of
+from antway.kernels.tracking.table import SEEN, Table, drop_lost, row_for
 
 # Columns of a row after those of kernels/tracking/bounces.py: the average turn rate and the weight of what went into it; when
 # and where the models predicted from, the velocity of the straight line, and velocity and turn rate of the circle. The last
@@ -47,9 +47,8 @@ _MOST = 32  # only so many tracks are predicted on circles, because the memory f
 class Turning(NamedTuple):
     """What is known of the turns of tracks."""
 
-    rows: NDArray[np.float64]  # [M, COLUMNS] what is known of each track
+    table: Table  # [M, COLUMNS]
     pool: NDArray[np.float64]  # [POOL] errors of all tracks together, see `count_comparison`; zeros at first
-    used: NDArray[np.int64]  # [1] number of rows in use
     rate: NDArray[np.float64]  # [M] rad/s; turn rate with which a track is predicted, 0 for a straight line
 
 
@@ -68,20 +67,18 @@ def turn_rates(
         The same with the velocities of the straight lines; a track that turns gets its last velocity.
     terrain : Terrain
     """
-    rows, pool, rate = turning.rows, turning.pool, turning.rate
-    count = drop_lost(rows, turning.used[0], SEEN, t)
+    table, pool, rate = turning
+    drop_lost(table, t)
     for k in range(len(estimates)):
         estimate = estimates[k]
         rate[k] = 0.0
         if estimate[NAME] < 0.0 or estimate[SIGMA_V] >= UNKNOWN:
             continue
-        i = row_of(rows, count, NAMED, estimate[NAME])
-        if i == len(rows):
+        i, is_new = row_for(table, estimate[NAME])
+        if i < 0:
             continue
-        row = rows[i]
-        if i == count:
-            count += 1
-            row[:] = 0.0
+        row = table.rows[i]
+        if is_new:
             row[_SINCE] = -math.inf
         elif t > row[SEEN]:
             _average(row, estimate, t, terrain)
@@ -90,7 +87,6 @@ def turn_rates(
         if summed_error(row, pool, _TURNING) < _BETTER * summed_error(row, pool, _STRAIGHT):
             rate[k] = row[_RATE]
             straight[k, VX], straight[k, VY] = estimate[VX], estimate[VY]
-    turning.used[0] = count
 
 
 @bare_kernel

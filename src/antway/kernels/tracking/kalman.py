@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.kalman import measure_place
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
-from antway.kernels.tracking.table import drop_lost, row_of
+from antway.kernels.tracking.table import Table, drop_lost, row_of, row_or_oldest
 
 # Columns of the track table after those of a track estimate, of which SIGMA and SIGMA_V are not used: the time of the last
 # scan with the track, and the variances of its place (m^2) and velocity (m^2/s^2) then, with their covariance between them.
@@ -28,8 +28,7 @@ _TURNED = 4.0  # standard deviations; a track farther than this from its predict
 
 @kernel
 def update(
-    table: NDArray[np.float64],
-    count: int,
+    table: Table,
     t: float,
     name: NDArray[np.int64],
     xy: NDArray[np.float64],
@@ -38,15 +37,15 @@ def update(
     variance: NDArray[np.float64],
     agility: float,
     estimates: NDArray[np.float64],
-) -> tuple[int, int, float, bool]:
-    """Update the track table with one scan; return the number of its rows and what was seen.
+) -> tuple[int, float, bool]:
+    """Update the track table with one scan.
 
-    The latter are the number of estimates written, the speed of the fastest one, m/s, and whether the scan has all velocities.
+    Returns the number of estimates written, the speed of the fastest one, m/s, and whether the scan has all velocities.
 
     Parameters
     ----------
-    table : float64[M, COLUMNS]
-        The track table; rows below `count` are in use.
+    table : Table
+        The track table, [M, COLUMNS] with names in NAME.
     t : float
         Time of the scan, s.
     name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
@@ -61,33 +60,28 @@ def update(
     """
     measured, fastest = True, 0.0
     for k in range(len(name)):
-        i = row_of(table, count, NAME, float(name[k]))
+        i, is_new = row_or_oldest(table, float(name[k]))
+        row = table.rows[i]
         known = not math.isnan(velocity[k, 0] + velocity[k, 1])
         measured = measured and known
-        is_new, filtered = i == count, variance[k, 0] < 0.0
-        if is_new or filtered:
-            if is_new and count == len(table):
-                i = int(np.argmin(table[:count, T]))  # in a full table, the track that was unseen for longest is replaced
-            elif is_new:
-                count += 1
-            table[i, NAME], table[i, T] = float(name[k]), t
-            table[i, X], table[i, Y] = xy[k, 0], xy[k, 1]
-            table[i, VX], table[i, VY] = (velocity[k, 0], velocity[k, 1]) if known else (0.0, 0.0)
-            table[i, P11], table[i, P12] = abs(variance[k, 0]), 0.0
-            table[i, P22] = abs(variance[k, 1]) if known else UNKNOWN * UNKNOWN
+        if is_new or variance[k, 0] < 0.0:
+            row[NAME], row[T], row[X], row[Y] = float(name[k]), t, xy[k, 0], xy[k, 1]
+            row[VX], row[VY] = (velocity[k, 0], velocity[k, 1]) if known else (0.0, 0.0)
+            row[P11], row[P12] = abs(variance[k, 0]), 0.0
+            row[P22] = abs(variance[k, 1]) if known else UNKNOWN * UNKNOWN
         else:
-            dt = t - table[i, T]
+            dt = t - row[T]
             if dt <= 0.0:
                 continue  # this scan was processed before
-            x, y = table[i, X] + table[i, VX] * dt, table[i, Y] + table[i, VY] * dt
-            vx, vy = table[i, VX], table[i, VY]
+            vx, vy = row[VX], row[VY]
+            x, y = row[X] + vx * dt, row[Y] + vy * dt
             rx, ry = xy[k, 0] - x, xy[k, 1] - y
             if not known:
-                spread = table[i, P11] + dt * (2.0 * table[i, P12] + dt * table[i, P22]) + variance[k, 0]
+                spread = row[P11] + dt * (2.0 * row[P12] + dt * row[P22]) + variance[k, 0]
                 residual = math.hypot(rx, ry)
                 if residual > _TURNED * math.sqrt(spread + agility * agility * dt**4 / 3):
-                    table[i, P22] += (residual / dt) ** 2  # the track turned, so its old velocity is useless
-            g1, g2, p11, p12, p22 = measure_place(table[i, P11], table[i, P12], table[i, P22], dt, agility, variance[k, 0])
+                    row[P22] += (residual / dt) ** 2  # the track turned, so its old velocity is useless
+            g1, g2, p11, p12, p22 = measure_place(row[P11], row[P12], row[P22], dt, agility, variance[k, 0])
             x, y, vx, vy = x + g1 * rx, y + g1 * ry, vx + g2 * rx, vy + g2 * ry
             if known:
                 s = p22 + variance[k, 1]
@@ -100,34 +94,34 @@ def update(
                 g1, g2 = (p12 / s, p22 / s) if s > 0.0 else (0.0, 1.0)
                 x, y, vx, vy = x + g1 * wx, y + g1 * wy, vx + g2 * wx, vy + g2 * wy
                 p11, p12, p22 = p11 - g1 * p12, (1 - g2) * p12, (1 - g2) * p22
-            table[i, X], table[i, Y], table[i, VX], table[i, VY], table[i, T] = x, y, vx, vy, t
-            table[i, P11], table[i, P12], table[i, P22] = p11, p12, p22
-        if is_new or radius[k] >= table[i, RADIUS]:
-            table[i, RADIUS] = radius[k]
+            row[X], row[Y], row[VX], row[VY], row[T] = x, y, vx, vy, t
+            row[P11], row[P12], row[P22] = p11, p12, p22
+        if is_new or radius[k] >= row[RADIUS]:
+            row[RADIUS] = radius[k]
         else:
-            table[i, RADIUS] += _SHRINK * (radius[k] - table[i, RADIUS])
-    count = drop_lost(table, count, T, t)
-    known_tracks = min(count, len(estimates))
+            row[RADIUS] += _SHRINK * (radius[k] - row[RADIUS])
+    drop_lost(table, t)
+    known_tracks = min(table.used[0], len(estimates))
     for i in range(known_tracks):
-        row, estimate = table[i], estimates[i]
+        row, estimate = table.rows[i], estimates[i]
         age = t - row[T]
         estimate[X], estimate[Y] = row[X] + row[VX] * age, row[Y] + row[VY] * age
         estimate[VX], estimate[VY], estimate[RADIUS], estimate[NAME] = row[VX], row[VY], row[RADIUS], row[NAME]
         estimate[SIGMA] = math.sqrt(max(row[P11] + 2 * age * row[P12] + age * age * row[P22], 0.0))
         estimate[SIGMA_V] = math.sqrt(max(row[P22], 0.0))
         fastest = max(fastest, math.hypot(row[VX], row[VY]))
-    return count, known_tracks, fastest, measured
+    return known_tracks, fastest, measured
 
 
 @kernel
-def needs_names(table: NDArray[np.float64], t: float, name: NDArray[np.int64], xy: NDArray[np.float64]) -> bool:
+def needs_names(table: Table, t: float, name: NDArray[np.int64], xy: NDArray[np.float64]) -> bool:
     """Tell whether a track has no name, or is farther than `FAR` from where the one of its name was predicted at time `t` s."""
     for k in range(len(name)):
         if name[k] < 0:
             return True
-        i = row_of(table, len(table), NAME, float(name[k]))
-        if i < len(table):
-            row, age = table[i], t - table[i, T]
+        i = row_of(table, float(name[k]))
+        if i >= 0:
+            row, age = table.rows[i], t - table.rows[i, T]
             if math.hypot(xy[k, 0] - row[X] - row[VX] * age, xy[k, 1] - row[Y] - row[VY] * age) > FAR:
                 return True
     return False

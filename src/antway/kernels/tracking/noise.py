@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.tracking.table import row_of
+from antway.kernels.tracking.table import NAMED, SEEN, Table, row_or_oldest
 
-# Columns of a row: the last measurement of a track, and the time between its last two, NaN where there was one.
-_NAME, _T, _X, _Y, _VX, _VY, _DT = range(7)
+# Columns of a row after NAMED and SEEN: the last measurement of a track, and the time between its last two, NaN where there was
+# one.
+_X, _Y, _VX, _VY, _DT = range(2, 7)
 COLUMNS = 7
 MEDIAN = 4.0 * math.log(2.0)  # 1; the median of the squared innovations by the variance of measured places
 _LEAST = 1e-8  # m^2; a smaller variance counts as none
@@ -27,7 +28,7 @@ _FAR = 0.5  # s; an older measurement is not compared
 
 @kernel
 def place_noise(
-    rows: NDArray[np.float64],
+    table: Table,
     state: NDArray[np.float64],
     t: float,
     name: NDArray[np.int64],
@@ -38,10 +39,10 @@ def place_noise(
 
     Parameters
     ----------
-    rows : float64[M, COLUMNS]
-        The last measurement of each track.
-    state : float64[3]
-        Number of rows in use, the median of the squared innovations, m^2, and the number of innovations; zeros at first.
+    table : Table
+        The last measurement of each track, [M, COLUMNS].
+    state : float64[2]
+        The median of the squared innovations, m^2, and the number of innovations; zeros at first.
     t, name, xy, velocity
         The scan, as in kernels/tracking/kalman.py; tracks without a name are ignored.
 
@@ -52,21 +53,21 @@ def place_noise(
     places before, its mean is 2 R (1 + (1 + r)^2 + r^2), where r is the ratio of the two times between; it is scaled to 4 R.
     The median is tracked by small steps up and down, so that an occasional turn or jump has little effect.
     """
-    count = int(state[0])
     for k in range(len(name)):
         if name[k] < 0:
             continue
         vx, vy, dt = velocity[k, 0], velocity[k, 1], math.nan
         measured = not math.isnan(vx + vy)
-        if not measured and state[1] == 0.0:
-            state[1] = _UNSEEN
-        i = row_of(rows, count, _NAME, float(name[k]))
-        if i < count:
-            dt = t - rows[i, _T]
+        if not measured and state[0] == 0.0:
+            state[0] = _UNSEEN
+        i, is_new = row_or_oldest(table, float(name[k]))
+        row = table.rows[i]
+        if not is_new:
+            dt = t - row[SEEN]
             if dt <= 0.0:
                 continue  # this scan was processed before
-            dx, dy, scale = xy[k, 0] - rows[i, _X], xy[k, 1] - rows[i, _Y], 1.0
-            old_vx, old_vy, ratio = rows[i, _VX], rows[i, _VY], dt / rows[i, _DT]
+            dx, dy, scale = xy[k, 0] - row[_X], xy[k, 1] - row[_Y], 1.0
+            old_vx, old_vy, ratio = row[_VX], row[_VY], dt / row[_DT]
             if not measured:
                 vx, vy, scale = dx / dt, dy / dt, 2.0 / (1.0 + (1.0 + ratio) ** 2 + ratio**2)
             else:
@@ -74,15 +75,9 @@ def place_noise(
             ex, ey = dx - old_vx * dt, dy - old_vy * dt
             squared = scale * (ex * ex + ey * ey)
             if dt <= _FAR and not math.isnan(squared):
-                state[2] += 1.0
-                step = _STEP if measured else max(_STEP, _FIRST_STEPS / state[2])
-                state[1] = max(state[1] * math.exp(step if squared > state[1] else -step), _LEAST)
-        elif count < len(rows):
-            count += 1
-        else:
-            i = int(np.argmin(rows[:, _T]))
-        rows[i, _NAME], rows[i, _T], rows[i, _X], rows[i, _Y], rows[i, _DT] = name[k], t, xy[k, 0], xy[k, 1], dt
-        rows[i, _VX], rows[i, _VY] = vx, vy
-    state[0] = count
-    variance: float = state[1] / MEDIAN
+                state[1] += 1.0
+                step = _STEP if measured else max(_STEP, _FIRST_STEPS / state[1])
+                state[0] = max(state[0] * math.exp(step if squared > state[0] else -step), _LEAST)
+        row[NAMED], row[SEEN], row[_X], row[_Y], row[_VX], row[_VY], row[_DT] = name[k], t, xy[k, 0], xy[k, 1], vx, vy, dt
+    variance: float = state[0] / MEDIAN
     return variance if variance > _LEAST else 0.0

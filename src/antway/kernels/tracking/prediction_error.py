@@ -16,11 +16,11 @@ from antway.kernels.base import records
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
-from antway.kernels.tracking.table import drop_lost, row_of
+from antway.kernels.tracking.table import SEEN, Table, drop_lost, row_for, row_of
 
-# Columns of a row: the track's name, when it was last seen, when its place was predicted, for which time, and that place. The
-# last two are its errors (see `count_comparison`).
-_NAME, _SEEN, _SINCE, _DUE, _X, _Y = range(6)
+# Columns of a row after NAMED and SEEN: when the track's place was predicted, for which time, and that place. The last two are
+# its errors (see `count_comparison`).
+_SINCE, _DUE, _X, _Y = range(2, 6)
 COLUMNS = 8
 LATER = 0.8  # s; a predicted place is compared with the true one after this time
 _KEPT = 0.8  # 1; each comparison multiplies the weight of the track's earlier errors by this
@@ -83,20 +83,19 @@ def distrust(pool: NDArray[np.float64], missed: NDArray[np.int64]) -> float:
 
 @kernel
 def compare_predictions(
-    rows: NDArray[np.float64],
-    count: int,
+    table: Table,
     pool: NDArray[np.float64],
     missed: NDArray[np.int64],
     estimates: NDArray[np.float64],
     t: float,
     out: NDArray[np.float64],
-) -> int:
-    """Write the standard deviation of each track's predicted velocity along one axis, m/s; return how many rows are in use.
+) -> None:
+    """Write the standard deviation of each track's predicted velocity along one axis, m/s.
 
     Parameters
     ----------
-    rows : float64[M, COLUMNS]
-        The tracks known so far are the rows below `count`.
+    table : Table
+        The tracks known so far, [M, COLUMNS].
     pool : float64[2]
         As in `count_comparison`, with one model; at first it is POOL.
     missed : int64[1]
@@ -106,17 +105,17 @@ def compare_predictions(
     out : float64[K]
         Filled.
     """
-    count = drop_lost(rows, count, _SEEN, t)
+    drop_lost(table, t)
     for k in range(len(estimates)):
-        i = row_of(rows, count, _NAME, estimates[k, NAME])
         out[k] = _AXIS * pool[0]
-        if estimates[k, NAME] < 0.0 or i == len(rows):
+        if estimates[k, NAME] < 0.0:
             continue
-        row = rows[i]
-        if i == count:
-            count += 1
-            row[:] = 0.0
-            row[_NAME], row[_DUE] = estimates[k, NAME], -math.inf
+        i, is_new = row_for(table, estimates[k, NAME])
+        if i < 0:
+            continue
+        row = table.rows[i]
+        if is_new:
+            row[_DUE] = -math.inf
         overdue = t - row[_DUE]
         if -1e-6 < overdue < 0.5 * LATER:
             x, y = estimates[k, X] - estimates[k, VX] * overdue, estimates[k, Y] - estimates[k, VY] * overdue
@@ -126,20 +125,17 @@ def compare_predictions(
             missed[0] += int(error > _MISS)
         if overdue > -1e-6:
             row[_DUE] = -math.inf
-        row[_SEEN] = t
+        row[SEEN] = t
         out[k] = velocity_error(row, pool, 0)
-    return count
 
 
 @kernel
-def store_predictions(
-    rows: NDArray[np.float64], count: int, estimates: NDArray[np.float64], t: float, segments: NDArray[np.float64]
-) -> None:
+def store_predictions(table: Table, estimates: NDArray[np.float64], t: float, segments: NDArray[np.float64]) -> None:
     """Store the place predicted for `LATER` s after `t` of each track that has no stored prediction.
 
     Parameters
     ----------
-    rows, count, estimates, t
+    table, estimates, t
         As in `compare_predictions`; SIGMA_V is the standard deviation that the filter gives.
     segments : float64[P, 8]
         The motion segments that `predict` wrote for these estimates, track after track.
@@ -150,12 +146,13 @@ def store_predictions(
         while last < len(segments) and segments[last, records.T0] >= segments[last - 1, records.T1]:
             last += 1
         start, first = first, last
-        i = row_of(rows, count, _NAME, estimates[k, NAME])
-        if i == count or rows[i, _DUE] > -math.inf or estimates[k, SIGMA_V] >= UNKNOWN:
+        i = row_of(table, estimates[k, NAME])
+        if i < 0 or table.rows[i, _DUE] > -math.inf or estimates[k, SIGMA_V] >= UNKNOWN:
             continue
+        row = table.rows[i]
         for p in range(start, min(last, len(segments))):
             due = t + LATER
             if segments[p, records.T0] <= due < segments[p, records.T1]:
-                rows[i, _SINCE], rows[i, _DUE] = t, due
-                rows[i, _X] = segments[p, records.X] + segments[p, records.VX] * (due - segments[p, records.T0])
-                rows[i, _Y] = segments[p, records.Y] + segments[p, records.VY] * (due - segments[p, records.T0])
+                row[_SINCE], row[_DUE] = t, due
+                row[_X] = segments[p, records.X] + segments[p, records.VX] * (due - segments[p, records.T0])
+                row[_Y] = segments[p, records.Y] + segments[p, records.VY] * (due - segments[p, records.T0])

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.tracking.table import row_of
+from antway.kernels.tracking.table import NAMED, SEEN, Table, row_or_oldest
 
-# Columns of a row: the last measurement of a track with the velocity that was reported, and the velocity from the place before.
-_NAME, _T, _X, _Y, _VX, _VY, _PX, _PY = range(8)
+# Columns of a row after NAMED and SEEN: the last place of a track, the velocity reported then, and that from the place before.
+_X, _Y, _VX, _VY, _PX, _PY = range(2, 8)
 COLUMNS = 8
 _MEMORY = 0.995  # 1; with each comparison, earlier ones count this much less
 _ENOUGH = 10.0  # number of comparisons before reported velocities can be found wrong
@@ -22,7 +22,7 @@ _FAR = 0.5  # s; an older measurement is not compared
 
 @kernel
 def wrong(
-    rows: NDArray[np.float64],
+    table: Table,
     state: NDArray[np.float64],
     t: float,
     name: NDArray[np.int64],
@@ -35,35 +35,30 @@ def wrong(
 
     Parameters
     ----------
-    rows : float64[M, COLUMNS]
-        The last measurement of each track.
-    state : float64[4]
-        Number of rows in use, number of comparisons, and the sums of both errors, m/s; zeros at first.
+    table : Table
+        The last measurement of each track, [M, COLUMNS].
+    state : float64[3]
+        Number of comparisons, and the sums of both errors, m/s; zeros at first.
     t, name, xy, velocity
         The scan, as in kernels/tracking/kalman.py; a velocity of NaN is not reported.
     """
-    count = int(state[0])
     for k in range(len(name)):
         px, py = math.nan, math.nan
-        i = row_of(rows, count, _NAME, float(name[k]))
-        if i < count:
-            row, dt = rows[i], t - rows[i, _T]
+        i, is_new = row_or_oldest(table, float(name[k]))
+        row = table.rows[i]
+        if not is_new:
+            dt = t - row[SEEN]
             if dt <= 0.0:
                 continue  # this scan was processed before
             px, py = (xy[k, 0] - row[_X]) / dt, (xy[k, 1] - row[_Y]) / dt
             reported = math.hypot(px - row[_VX], py - row[_VY])
             between = math.hypot(px - row[_PX], py - row[_PY])
             if dt <= _FAR and not math.isnan(reported + between):
-                state[1:] *= _MEMORY
-                state[1] += 1.0
-                state[2] += min(reported, _MOST)
-                state[3] += min(between, _MOST)
-        elif count < len(rows):
-            count += 1
-        else:
-            i = int(np.argmin(rows[:, _T]))
-        rows[i, _NAME], rows[i, _T], rows[i, _X], rows[i, _Y] = name[k], t, xy[k, 0], xy[k, 1]
-        rows[i, _VX], rows[i, _VY], rows[i, _PX], rows[i, _PY] = velocity[k, 0], velocity[k, 1], px, py
-    state[0] = count
-    found: bool = state[1] >= _ENOUGH and state[2] > 2.0 * state[3] + _LEAST * state[1]
+                state *= _MEMORY
+                state[0] += 1.0
+                state[1] += min(reported, _MOST)
+                state[2] += min(between, _MOST)
+        row[NAMED], row[SEEN], row[_X], row[_Y] = name[k], t, xy[k, 0], xy[k, 1]
+        row[_VX], row[_VY], row[_PX], row[_PY] = velocity[k, 0], velocity[k, 1], px, py
+    found: bool = state[0] >= _ENOUGH and state[1] > 2.0 * state[2] + _LEAST * state[0]
     return found

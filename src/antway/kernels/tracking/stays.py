@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.predict import NAME, RADIUS, X, Y
-from antway.kernels.tracking.table import row_of
+from antway.kernels.tracking.table import SEEN, Table, row_for
 
-# Columns of a row: the name of the track, when its stay began and when it was last seen, its radius, and the box that holds its
-# centre since then.
-NAMED, SINCE, SEEN, SIZE, LOW_X, LOW_Y, HIGH_X, HIGH_Y = range(8)
+# Columns of a row after NAMED and SEEN: when the stay of the track began, its radius, and the box that holds its centre since.
+SINCE, SIZE, LOW_X, LOW_Y, HIGH_X, HIGH_Y = range(2, 8)
 COLUMNS = 8
 PLACE = 1.0  # m; an obstacle stays as long as the diagonal of the box that holds its centre is no longer than this
 _LEAST_MEMORY = 1.0  # s; an obstacle that was not seen for longer than this and than its stay is forgotten
@@ -23,46 +22,42 @@ _LEAST_MEMORY = 1.0  # s; an obstacle that was not seen for longer than this and
 @bare_kernel
 def _start_stay(row: NDArray[np.float64], estimate: NDArray[np.float64], t: float) -> None:
     """Begin a stay at time `t` s."""
-    row[NAMED], row[SINCE], row[SIZE] = estimate[NAME], t, estimate[RADIUS]
+    row[SINCE], row[SIZE] = t, estimate[RADIUS]
     row[LOW_X] = row[HIGH_X] = estimate[X]
     row[LOW_Y] = row[HIGH_Y] = estimate[Y]
 
 
 @kernel
-def update_stays(
-    rows: NDArray[np.float64], count: int, estimates: NDArray[np.float64], seen: NDArray[np.float64], t: float
-) -> int:
-    """Update the stays with the tracks that are seen at time `t` s; return how many rows are in use.
+def update_stays(table: Table, estimates: NDArray[np.float64], seen: NDArray[np.float64], t: float) -> None:
+    """Update the stays with the tracks that are seen at time `t` s.
 
     Parameters
     ----------
-    rows : float64[M, COLUMNS]
-        The stays known so far are the rows below `count`. Where the rows are used up, further tracks are left out.
+    table : Table
+        The stays known so far, [M, COLUMNS]. In a full table further tracks are left out.
     estimates : float64[K, 8]
         As in kernels/tracking/predict.py. Tracks without a name are left out.
     seen : float64[K]
         When each of them was last seen, s.
     """
-    kept = 0
-    for i in range(count):
+    rows, kept = table.rows, 0
+    for i in range(table.used[0]):
         if t - rows[i, SEEN] <= max(rows[i, SEEN] - rows[i, SINCE], _LEAST_MEMORY):
             if kept != i:
                 copy_row(rows[i], rows[kept])
             kept += 1
-    count = kept
+    table.used[0] = kept
     for k in range(len(estimates)):
         if estimates[k, NAME] < 0.0 or seen[k] != t:
             continue
-        i = row_of(rows, count, NAMED, estimates[k, NAME])
-        if i == len(rows):
+        i, is_new = row_for(table, estimates[k, NAME])
+        if i < 0:
             continue
         row = rows[i]
-        if i == count:
-            count += 1
+        if is_new:
             _start_stay(row, estimates[k], t)
         row[SEEN] = t
         row[LOW_X], row[HIGH_X] = min(row[LOW_X], estimates[k, X]), max(row[HIGH_X], estimates[k, X])
         row[LOW_Y], row[HIGH_Y] = min(row[LOW_Y], estimates[k, Y]), max(row[HIGH_Y], estimates[k, Y])
         if math.hypot(row[HIGH_X] - row[LOW_X], row[HIGH_Y] - row[LOW_Y]) > PLACE:
             _start_stay(row, estimates[k], t)
-    return count

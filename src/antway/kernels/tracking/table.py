@@ -2,31 +2,75 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.rows import copy_row
 
+NAMED, SEEN = range(2)  # first columns of most tables: the name of the track, and when it was last seen, s
 _LOST = 1.0  # s; a track that was not seen for longer is dropped
 
 
-@bare_kernel
-def row_of(rows: NDArray[np.float64], count: int, column: int, name: float) -> int:
-    """Return the first row below `count` that has this name in `column`, or `count` if there is none."""
-    i = 0
-    while i < count and rows[i, column] != name:
-        i += 1
-    return i
+class Table(NamedTuple):
+    """What is kept of tracks from scan to scan."""
+
+    rows: NDArray[np.float64]  # [M, C]
+    used: NDArray[np.int64]  # [1] number of rows in use
+    named: int  # column of the tracks' names; that of when they were last seen follows
+
+
+def make_table(rows: int, columns: int, named: int = NAMED) -> Table:
+    """Return an empty table."""
+    return Table(np.zeros((rows, columns)), np.zeros(1, np.int64), named)
+
+
+def rows_in_use(table: Table) -> NDArray[np.float64]:
+    """Return a view of the rows in use."""
+    return table.rows[: table.used[0]]
 
 
 @bare_kernel
-def drop_lost(rows: NDArray[np.float64], count: int, column: int, t: float) -> int:
-    """Drop those of the first `count` rows whose time in `column` is more than 1 s before `t`; return how many are left."""
+def row_of(table: Table, name: float) -> int:
+    """Return the row of the track with this name, or -1 if there is none."""
+    for i in range(table.used[0]):
+        if table.rows[i, table.named] == name:
+            return i
+    return -1
+
+
+@bare_kernel
+def row_for(table: Table, name: float) -> tuple[int, bool]:
+    """Return the row of the track with this name, and whether it is new: zeros but for the name.
+
+    In a full table there is none for a new track, and the row is -1.
+    """
+    i = row_of(table, name)
+    if i >= 0 or table.used[0] == len(table.rows):
+        return i, i < 0
+    i = table.used[0]
+    table.used[0] += 1
+    table.rows[i] = 0.0
+    table.rows[i, table.named] = name
+    return i, True
+
+
+@bare_kernel
+def row_or_oldest(table: Table, name: float) -> tuple[int, bool]:
+    """Do as `row_for`, but in a full table a new track replaces the one that was unseen for longest."""
+    i, is_new = row_for(table, name)
+    return (int(np.argmin(table.rows[:, table.named + 1])) if i < 0 else i), is_new
+
+
+@bare_kernel
+def drop_lost(table: Table, t: float) -> None:
+    """Drop the tracks that were last seen more than 1 s before `t`."""
     kept = 0
-    for i in range(count):
-        if t - rows[i, column] <= _LOST:
+    for i in range(table.used[0]):
+        if t - table.rows[i, table.named + 1] <= _LOST:
             if kept != i:
-                copy_row(rows[i], rows[kept])
+                copy_row(table.rows[i], table.rows[kept])
             kept += 1
-    return kept
+    table.used[0] = kept

@@ -12,6 +12,7 @@ from antway.kernels.base.jit import call
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.tracking import stays
 from antway.kernels.tracking.stays import update_stays
+from antway.kernels.tracking.table import NAMED, SEEN, make_table, rows_in_use
 from antway.search.sipp import timed_field
 from antway.world.policy import XY
 
@@ -48,7 +49,7 @@ class Detours:
     def __init__(self, moves: Moves, contexts: tuple[PlanningContext, ...]) -> None:
         self.moves, self.contexts = moves, contexts
         self.times = [context.field for context in contexts]
-        self._rows, self._count = np.zeros((_ROWS, stays.COLUMNS)), 0
+        self._stays = make_table(_ROWS, stays.COLUMNS)
         self._expected: set[tuple[float, float]] = set()  # the stays that `times` count with
         self.due = -math.inf
         self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
@@ -62,9 +63,9 @@ class Detours:
         The estimates, float64[K, 8], are those of kernels/tracking/kalman.py; each was last `seen`, float64[K], at a time in s.
         """
         self.due = t + _INTERVAL - 1e-6
-        self._count = call(update_stays, self._rows, self._count, estimates, seen, t)
+        call(update_stays, self._stays, estimates, seen, t)
         to_go = self._time_to_go(xy)
-        if self._expected and not self._expected <= _stays(self._rows[: self._count]):
+        if self._expected and not self._expected <= _stays(rows_in_use(self._stays)):
             return self._expect(t, xy)
         if to_go < self._nearest - _PROGRESS or to_go < _ARRIVED:
             self._nearest, self._since = to_go, t
@@ -99,8 +100,8 @@ class Detours:
     def _expect(self, t: float, xy: XY) -> bool:
         """Count with all that have stayed long enough by now; tell whether that changes anything."""
         self._since = t
-        rows = self._rows[: self._count]
-        stay = rows[:, stays.SEEN] - rows[:, stays.SINCE]
+        rows = rows_in_use(self._stays)
+        stay = rows[:, SEEN] - rows[:, stays.SINCE]
         long = stay >= _STALLED - 1e-6
         if not (long.any() or self.expects):
             return False
@@ -149,4 +150,4 @@ class Detours:
 
 def _stays(rows: NDArray[np.float64]) -> set[tuple[float, float]]:
     """Return the name and the beginning of the stay in each row of kernels/tracking/stays.py."""
-    return set(zip(rows[:, stays.NAMED].tolist(), rows[:, stays.SINCE].tolist(), strict=True))
+    return set(zip(rows[:, NAMED].tolist(), rows[:, stays.SINCE].tolist(), strict=True))

@@ -192,7 +192,7 @@ class AntwayPolicy:
             trails=make_trails(cells),
             plan=make_plan(),
             tracker=tracker,
-            crowd=make_crowd(task, len(tracker.table)),
+            crowd=make_crowd(task, len(tracker.table.rows)),
             seed=seed,
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
             response=response,
@@ -213,7 +213,7 @@ class AntwayPolicy:
         doubted = s.tracker.doubts_velocities
         observation = s.tracker.corrected(as_sensed)
         if s.tracker.doubts_velocities != doubted:  # predictions were from other velocities
-            s.crowd = make_crowd(s.task, len(s.crowd.rows))
+            s.crowd = make_crowd(s.task, len(s.crowd.people.rows))
         self._update_tracks(observation)
         if observation.sensed_at >= s.detours.due:
             self._look_for_detours(observation)

@@ -16,11 +16,13 @@ from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.kernels.tracking import crowd, curves, prediction_error
+from antway.kernels.tracking.predict import NAME
+from antway.kernels.tracking.table import make_table
 from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.response import Response
-from antway.policies.antway.tracker import MOST_ROWS, ROWS, Tracker, longer
+from antway.policies.antway.tracker import MOST_ROWS, ROWS, Tracker, longer, longer_table
 from antway.policies.guard import relative_swerve
 from antway.world.policy import Decision, Observation, RobotSpec, Task
 
@@ -160,12 +162,11 @@ def make_crowd(task: Task, rows: int) -> Crowd:
     """Return tables for predictions of so many tracks. The less obstacles may swerve, the less wrong they seem at first."""
     error, weight = prediction_error.POOL
     return Crowd(
-        rows=np.zeros((rows, crowd.COLUMNS)),
-        counts=np.zeros(2, np.int64),
+        people=make_table(rows, crowd.COLUMNS, NAME),
         prediction=np.empty((rows, crowd.STEPS, 2)),
         averaged=np.zeros((rows, 8)),
-        turning=curves.Turning(np.zeros((rows, curves.COLUMNS)), np.zeros(curves.POOL), np.zeros(1, np.int64), np.zeros(rows)),
-        stored=np.zeros((rows, prediction_error.COLUMNS)),
+        turning=curves.Turning(make_table(rows, curves.COLUMNS), np.zeros(curves.POOL), np.zeros(rows)),
+        stored=make_table(rows, prediction_error.COLUMNS),
         pool=np.array([error * relative_swerve(task), weight]),
         missed=np.zeros(1, np.int64),
         velocity_error=np.zeros(rows),
@@ -202,20 +203,19 @@ def most_segments(tracks: int) -> int:
 
 def fit_tables(s: State, tracks: int) -> None:
     """Make the tables of tracks longer, up to MOST_ROWS, if the `tracks` of a scan and all known before might not fit."""
-    tracker = s.tracker
-    needed = max(tracker.count, tracker.averages_count, *s.crowd.counts.tolist()) + tracks
+    tracker, c = s.tracker, s.crowd
+    needed = max(int(table.used[0]) for table in (tracker.table, tracker.averages, c.people, c.stored)) + tracks
     n = min(2 * needed, MOST_ROWS)
-    if needed <= len(tracker.table) or n <= len(tracker.table):
+    if needed <= len(tracker.table.rows) or n <= len(tracker.table.rows):
         return
     tracker.resize(n)
     s.plan = s.plan._replace(segments=longer(s.plan.segments, most_segments(n)))
-    c = s.crowd
     s.crowd = c._replace(
-        rows=longer(c.rows, n),
+        people=longer_table(c.people, n),
         prediction=longer(c.prediction, n),
         averaged=longer(c.averaged, n),
-        turning=c.turning._replace(rows=longer(c.turning.rows, n), rate=longer(c.turning.rate, n)),
-        stored=longer(c.stored, n),
+        turning=c.turning._replace(table=longer_table(c.turning.table, n), rate=longer(c.turning.rate, n)),
+        stored=longer_table(c.stored, n),
         velocity_error=longer(c.velocity_error, n),
     )
 

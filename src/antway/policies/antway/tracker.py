@@ -12,6 +12,7 @@ from antway.kernels.base.jit import call
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import averages, bounces, kalman, noise, reported, turns
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.table import Table, make_table, rows_in_use
 from antway.world.policy import XY, Observation, Tracks
 
 ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
@@ -33,12 +34,12 @@ class Tracker:
 
     Attributes
     ----------
-    table, count
-        The track table of kernels/tracking/kalman.py, and the number of its rows in use.
+    table : Table
+        The track table of kernels/tracking/kalman.py.
     estimates : float64[K, 8]
         The estimates of the tracks known after the last scan, as in kernels/tracking/predict.py.
-    averages, averages_count, pool
-        The table and the pool of kernels/tracking/averages.py, and the number of rows in use.
+    averages, pool : Table, float64[POOL]
+        Of kernels/tracking/averages.py.
     fastest : float
         Speed of the fastest track seen, m/s.
     doubts_velocities : bool
@@ -47,14 +48,14 @@ class Tracker:
 
     def __init__(self, strict: bool = False) -> None:
         self._strict = strict
-        self.table, self.count = np.zeros((ROWS, kalman.COLUMNS)), 0
+        self.table = make_table(ROWS, kalman.COLUMNS, NAME)
         self._estimates = np.zeros((ROWS, 8))
         self.estimates = self._estimates[:0]
-        self.averages = np.zeros((ROWS, averages.COLUMNS))
-        self._measured, self._noise = np.zeros((MOST_ROWS, noise.COLUMNS)), np.zeros(3)  # see kernels/tracking/noise.py
-        self._last, self._errors = np.zeros((MOST_ROWS, reported.COLUMNS)), np.zeros(4)  # see kernels/tracking/reported.py
+        self.averages = make_table(ROWS, averages.COLUMNS)
+        self._measured, self._noise = make_table(MOST_ROWS, noise.COLUMNS), np.zeros(2)  # see kernels/tracking/noise.py
+        self._last, self._errors = make_table(MOST_ROWS, reported.COLUMNS), np.zeros(3)  # see kernels/tracking/reported.py
         self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
-        self._seen = np.zeros((ROWS, bounces.COLUMNS))  # see kernels/tracking/turns.py
+        self._seen = make_table(ROWS, bounces.COLUMNS)  # see kernels/tracking/turns.py
         self._has_velocities = True  # whether the sensor measured those of all tracks in the last scan
         self.doubts_velocities = False
         self._forget()
@@ -65,7 +66,7 @@ class Tracker:
         t = seen.sensed_at
         if len(seen.tracks) > MOST_ROWS:
             seen = replace(seen, tracks=nearest(seen.tracks, seen.xy))
-        tracks, self._next_name = with_names(seen.tracks, t, self.table[: self.count], self._next_name)
+        tracks, self._next_name = with_names(seen.tracks, t, self.table, self._next_name)
         if tracks.covariance is None:
             wrong = reported.wrong(self._last, self._errors, t, tracks.id, tracks.xy, tracks.velocity)
             if wrong != self.doubts_velocities:
@@ -77,21 +78,19 @@ class Tracker:
 
     def _forget(self) -> None:
         """Forget what was learnt from velocities."""
-        self.averages_count, self._seen_count, self.fastest = 0, 0, 0.0
+        self.averages.used[0], self._seen.used[0], self.fastest = 0, 0, 0.0
         self.pool, self._turns = np.zeros(averages.POOL), np.array([turns.FIRST_SECONDS, 0.0, 0.0])
 
     def update(self, tracks: Tracks, t: float) -> None:
         """Update the estimates with a scan at time `t` s."""
         scan = tracks.id, tracks.xy, tracks.velocity, tracks.radius, self._variances(tracks, t)
-        self.count, known, fastest, self._has_velocities = kalman.update(
-            self.table, self.count, t, *scan, _AGILITY, self._estimates
-        )
+        known, fastest, self._has_velocities = kalman.update(self.table, t, *scan, _AGILITY, self._estimates)
         self.estimates, self.fastest = self._estimates[:known], max(self.fastest, fastest)
 
     @property
     def last_seen(self) -> NDArray[np.float64]:
         """When each of the tracks was last seen, float64[K], s."""
-        return self.table[: len(self.estimates), kalman.T].copy()
+        return self.table.rows[: len(self.estimates), kalman.T].copy()
 
     def seen_at(self, t: float) -> NDArray[np.float64]:
         """Return the estimates of the tracks in the scan at time `t` s."""
@@ -100,21 +99,18 @@ class Tracker:
 
     def average(self, t: float, terrain: Terrain, out: NDArray[np.float64]) -> None:
         """Write the estimates at time `t` s to `out`, with the velocities that predict best."""
-        table = self.averages, self.averages_count, self.pool
-        self.averages_count = call(averages.averaged, *table, self.estimates, terrain, float(t), out)
+        call(averages.averaged, self.averages, self.pool, self.estimates, terrain, float(t), out)
 
     def count_turns(self, t: float, terrain: Terrain) -> tuple[float, float]:
         """Count the turns in the scan at time `t` s; return how often tracks turn, 1/s, and by how much on average, m/s."""
-        table = self._seen, self._seen_count, self._turns
-        self._seen_count = call(turns.count_turns, *table, self.estimates, terrain, float(t))
+        call(turns.count_turns, self._seen, self._turns, self.estimates, terrain, float(t))
         seconds, number, changes = self._turns.tolist()
         return number / seconds, changes / max(number, 1.0)
 
     def resize(self, rows: int) -> None:
         """Make the tables so long."""
-        self.table, self._estimates, self.averages, self._seen = (
-            longer(table, rows) for table in (self.table, self._estimates, self.averages, self._seen)
-        )
+        self._estimates = longer(self._estimates, rows)
+        self.table, self.averages, self._seen = (longer_table(table, rows) for table in (self.table, self.averages, self._seen))
 
     def _variances(self, tracks: Tracks, t: float) -> NDArray[np.float64]:
         """Return the variances of places (m^2) and velocities (m^2/s^2) as the filter takes them, float64[K, 2]."""
@@ -125,7 +121,7 @@ class Tracker:
             variance[:, 0], variance[:, 1] = tracks.variances(0), tracks.variances(2)
             # Many trackers state errors that are far too large. What a filter shows is smoother than its errors.
             if not self._strict and len(tracks) and not filtered.any():
-                self._noise[1] = self._noise[1] or noise.MEDIAN * float(np.median(variance[:, 0]))
+                self._noise[0] = self._noise[0] or noise.MEDIAN * float(np.median(variance[:, 0]))
                 shown = noise.place_noise(self._measured, self._noise, t, tracks.id, tracks.xy, tracks.velocity)
                 variance *= np.minimum(shown / np.maximum(variance[:, :1], 1e-12), 1.0)
                 variance[:, 1] = np.minimum(variance[:, 1], _MEASURED)
@@ -141,7 +137,7 @@ class Tracker:
         A strict guard keeps the measurements, because estimates from wrong velocities would drift away from them; they get the
         covariance that their innovations show.
         """
-        noisy, covariance = self._noise[1] > _NOISY, seen.tracks.covariance
+        noisy, covariance = self._noise[0] > _NOISY, seen.tracks.covariance
         if strict and covariance is None:
             return self._with_noise(seen) if noisy else seen
         if covariance is not None or noisy or not self._has_velocities:
@@ -176,7 +172,7 @@ def names_of(estimates: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.minimum(estimates[:, NAME], _LARGEST_NAME).astype(np.int64)
 
 
-def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int) -> tuple[Tracks, int]:
+def with_names(tracks: Tracks, t: float, table: Table, first: int) -> tuple[Tracks, int]:
     """Return the tracks seen at time `t` s with a name for each: that of the nearest known track, or else a new one.
 
     A name that the sensor gives counts, unless its track was expected far from there and another known track near: then the
@@ -186,19 +182,20 @@ def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int)
     ----------
     tracks : Tracks
         Those with the id -1 get another id.
-    table : float64[M, COLUMNS]
+    table : Table
         The known tracks, as in kernels/tracking/kalman.py. Those that have a track already are not considered.
     first : int
         New names are the least from here on that nobody has.
     """
     if first <= NAMELESS and not kalman.needs_names(table, t, tracks.id, tracks.xy):
         return tracks, first
-    age = t - table[:, kalman.T]
-    place = table[:, X : Y + 1] + table[:, VX : VY + 1] * age[:, None]
+    rows = rows_in_use(table)
+    age = t - rows[:, kalman.T]
+    place = rows[:, X : Y + 1] + rows[:, VX : VY + 1] * age[:, None]
     gap = np.hypot(*(place[:, None] - tracks.xy).transpose(2, 0, 1))
-    given = np.where(_doubtful(gap, table[:, NAME, None] == tracks.id), -1, tracks.id)
-    ids, known = given.copy(), names_of(table)
-    gap[np.isin(table[:, NAME], given)] = math.inf
+    given = np.where(_doubtful(gap, rows[:, NAME, None] == tracks.id), -1, tracks.id)
+    ids, known = given.copy(), names_of(rows)
+    gap[np.isin(rows[:, NAME], given)] = math.inf
     gap[:, given >= 0] = math.inf
     while gap.size and gap.min() < _NEAR:  # the nearest pair first
         i, k = np.unravel_index(gap.argmin(), gap.shape)
@@ -206,7 +203,7 @@ def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int)
         gap[i], gap[:, k] = math.inf, math.inf
     ids = np.where((ids < 0) & ~np.isin(tracks.id, ids), tracks.id, ids)  # a doubtful name that nobody else got
     new = np.flatnonzero(ids < 0)
-    taken = np.append(ids, table[:, NAME])  # floats, as names in the table are
+    taken = np.append(ids, rows[:, NAME])  # floats, as names in the table are
     ids[new] = np.setdiff1d(first + np.arange(float(len(taken))), taken)[: len(new)]
     return replace(tracks, id=ids), int(ids[new].max(initial=first - 1)) + 1
 
@@ -235,3 +232,8 @@ def _doubtful(gap: NDArray[np.float64], same: NDArray[np.bool_]) -> NDArray[np.b
 def longer(table: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
     """Return a copy of a table with so many rows; the new ones are zero."""
     return np.concatenate((table, np.zeros((rows - len(table), *table.shape[1:]))))
+
+
+def longer_table(table: Table, rows: int) -> Table:
+    """Return a copy of a table of kernels/tracking/table.py with so many rows."""
+    return table._replace(rows=longer(table.rows, rows))
