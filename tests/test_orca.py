@@ -105,6 +105,15 @@ def test_wheels_track_a_velocity_no_farther_off_than_the_error() -> None:
             assert off <= 0.1 + 1e-3 and v <= 1.0 + 1e-9
 
 
+def test_on_wheels_the_robot_alone_is_enlarged() -> None:
+    """By the error of its place, on top of the margin that every radius has; people are as large as they are seen."""
+    policy = make_policy("nh-orca", error=0.3, margin=0.02)
+    policy.reset(hall(robot=RobotSpec(drive="differential")).task, 1)
+    policy.act(seen((4.2, 6.2), (1.0, 0.0), [(7.2, 6.2, 0.0, 0.0, 0.7)]))
+    radii = [policy.simulation.get_agent_radius(k) for k in (0, 1)]
+    assert radii == pytest.approx([policy.task.robot.radius + 0.32, 0.72])
+
+
 def test_on_wheels_it_arrives() -> None:
     """With ramps and slow steering, past a disc that crosses; the same seed gives the same bytes."""
     wheels = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)

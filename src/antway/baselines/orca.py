@@ -133,17 +133,16 @@ class NhOrca(Orca):
     def __init__(
         self,
         *,
-        error: float = 0.1,
+        error: float = 0.05,
         turn_time: float = 0.35,
         horizon: float = 2.0,
-        wall_horizon: float = 0.5,
+        wall_horizon: float = 2.0,
         margin: float = 0.01,
         look_ahead: float = 2.0,
     ) -> None:
         self.error = checks.number("error", error, low=0.0, open_low=True, unit="m")
         self.turn_time = checks.number("turn_time", turn_time, low=0.0, open_low=True, unit="s")
-        margin = checks.number("margin", margin, low=0.0, unit="m")
-        super().__init__(horizon=horizon, wall_horizon=wall_horizon, margin=margin + self.error, look_ahead=look_ahead)
+        super().__init__(horizon=horizon, wall_horizon=wall_horizon, margin=margin, look_ahead=look_ahead)
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
@@ -155,12 +154,16 @@ class NhOrca(Orca):
         v, omega = tracked(speed, angle, max(self.turn_time, abs(angle) / robot.turn_rate), self.error)
         return commanded(min(v, robot.v_max), omega, observation.heading, robot)
 
+    def _place(self, k: int, xy: XY, velocity: XY, radius: float, preferred: XY) -> None:
+        """Place an agent; the robot, which is the first, is enlarged."""
+        super()._place(k, xy, velocity, radius + (self.error if k == 0 else 0.0), preferred)
+
 
 def tracked(speed: float, angle: float, time: float, error: float) -> XY:
     """Return the twist (v, omega) of wheels that track a velocity of `speed` m/s, `angle` rad off their heading, in `time` s.
 
     With c = 2 (1 - cos angle): v = speed angle sin(angle) / c, and the error of the place is
-    time speed sqrt(1 - sin^2(angle) / c), which lower speeds keep within `error` m. Beyond a right angle it turns in place.
+    time speed sqrt(1 - sin^2(angle) / c), which lower speeds keep within `error` m.
 
     Examples
     --------
@@ -172,7 +175,7 @@ def tracked(speed: float, angle: float, time: float, error: float) -> XY:
         return speed, 0.0
     off = time * math.sqrt(max(1.0 - math.sin(angle) ** 2 / c, 0.0))
     speed = min(speed, error / off) if off > 0.0 else speed
-    return max(speed * angle * math.sin(angle) / c, 0.0), angle / time
+    return speed * angle * math.sin(angle) / c, angle / time
 
 
 def outlines(grid: Grid) -> list[list[XY]]:
