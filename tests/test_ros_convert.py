@@ -153,5 +153,6 @@ def test_malformed_tracks_are_refused_by_name():
     with pytest.raises(BadParameter, match="nanosec"):
         convert.read_markers(message)
     poses = convert.plain("", header=convert.header_message(2.5, "map"), poses=[convert.pose_message(1.0, 2.0, 0.1)])
+    poses.poses[0].orientation = convert.plain("", x=0.0, y=0.0, z=0.0, w=0.0)  # as detectors leave it: a disc has no yaw
     t, nameless = convert.read_poses(poses, 0.4)
     assert t == 2.5 and nameless.id.tolist() == [-1] and np.isnan(nameless.velocity).all() and nameless.radius.tolist() == [0.4]

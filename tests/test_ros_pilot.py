@@ -21,7 +21,7 @@ from antway.ros2 import nav2, tours
 from antway.ros2.frames import Odometry
 from antway.ros2.markers import decision_message, predictions, predictions_message
 from antway.ros2.path import corridor, keeps_within, tracking
-from antway.ros2.pilot import OK, STAND, Answer, End, Goal, Pilot
+from antway.ros2.pilot import ERROR, OBSTACLES, ODOMETRY, OK, STAND, Answer, End, Goal, Pilot
 from antway.ros2.settings import Settings, defaults, parameters, refused
 from antway.ros2.tours import Visit, find_tour
 from antway.world.policy import Task, Tracks
@@ -412,8 +412,24 @@ def test_obstacles_seen_after_odometry_move_the_robot_on() -> None:
     pilot._passed = lambda decide, observation, t: seen.append(observation) or passed(decide, observation, t)
     pilot.receive_odometry(Odometry(1.0, (2.0, 2.0), (0.5, 0.0), 0.0, 1.0), 1.0)
     assert seen[0].xy == pytest.approx((2.1, 2.0)) and seen[0].heading == pytest.approx(0.2)
+    pilot.goal = Goal((2.0, 2.0), yaw=2.0)
+    pilot.settings = replace(pilot.settings, yaw_tolerance=0.1)
+    pilot.guard, pilot.scan = None, (1.3, NOBODY)
+    pilot.receive_odometry(Odometry(1.1, (2.0, 2.0), (0.0, 0.0), 0.0, 1.0), 1.1)
+    assert seen[1].t == 1.3 and seen[1].heading == pytest.approx(0.2), "also where it turns to the goal's yaw"
     pilot.scan = (9.0, NOBODY)
-    assert "newer than odometry" in pilot.receive_odometry(Odometry(1.1, (2.0, 2.0), (0.5, 0.0), 0.0, 1.0), 1.1).reason
+    assert "newer than odometry" in pilot.receive_odometry(Odometry(1.2, (3.0, 2.0), (0.5, 0.0), 0.0, 1.0), 1.2).reason
+
+
+def test_why_sensors_are_refused_is_told_once_that_matters() -> None:
+    """While the last good obstacles are young it drives on; then it says why none came since, and the same of odometry."""
+    drive = ready()
+    drive.pilot.faults = {OBSTACLES: "obstacles refused: so", ODOMETRY: "odometry refused: so"}
+    answers = [drive.step(None) for _ in range(8)]
+    assert answers[0].drives and (answers[-1].level, answers[-1].reason) == (ERROR, "obstacles refused: so")
+    assert drive.pilot.silent(9.0).reason == "odometry refused: so"
+    drive.pilot.faults.clear()
+    assert "silent" in drive.step(None).reason and "no odometry" in drive.pilot.silent(9.0).reason
 
 
 def test_paths_that_lead_to_the_moon_are_refused() -> None:

@@ -85,11 +85,16 @@ def check_observation(o: Observation) -> Observation:
         spread = t.covariance.diagonal(axis1=1, axis2=2) if t.covariance.shape == (n, 4, 4) else np.array([-1.0])
         if not ((spread >= 0.0) & (spread <= MAX_PLACE**2)).all() or not np.isfinite(t.covariance).all():
             raise BadParameter("tracks.covariance", t.covariance, f"float64[{n}, 4, 4] of finite numbers, variances >= 0")
-    ahead = o.stamp - o.t
-    if _EARLY < ahead <= _NEWER:
-        place = o.xy[0] + o.velocity[0] * ahead, o.xy[1] + o.velocity[1] * ahead
-        o = replace(o, t=o.stamp, xy=place, heading=o.heading + o.turn_rate * ahead)
+    if _EARLY < o.stamp - o.t <= _NEWER:
+        o = at_scan(o)
     return o if what != _TWICE else replace(o, tracks=t.distinct())
+
+
+def at_scan(o: Observation) -> Observation:
+    """Return `o` at the time of its scan, until which the robot is moved on by its speeds."""
+    ahead = o.stamp - o.t
+    place = o.xy[0] + o.velocity[0] * ahead, o.xy[1] + o.velocity[1] * ahead
+    return replace(o, t=o.stamp, xy=place, heading=o.heading + o.turn_rate * ahead)
 
 
 def check_lengths(t: Tracks) -> None:

@@ -227,10 +227,8 @@ def read_odometry(message: Any) -> Odometry:
 
 
 def read_poses(message: Any, radius: float) -> tuple[float, Tracks]:
-    """Return (t in s, tracks) of a geometry_msgs/msg/PoseArray: discs of `radius` m without names and velocities."""
-    places = [read_pose(pose, where=f"PoseArray.poses[{i}]")[:2] for i, pose in enumerate(message.poses)]
-    for i, pose in enumerate(message.poses):
-        _place(pose.position, f"PoseArray.poses[{i}]")
+    """Return (t in s, tracks) of a geometry_msgs/msg/PoseArray: discs of `radius` m without names, velocities and yaws."""
+    places = [_place(pose.position, f"PoseArray.poses[{i}]") for i, pose in enumerate(message.poses)]
     n = len(places)
     xy = np.array(places, np.float64).reshape(n, 2)
     return seconds(message.header.stamp), Tracks(np.full(n, -1, np.int64), xy, np.full((n, 2), math.nan), np.full(n, radius))

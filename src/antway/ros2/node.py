@@ -35,7 +35,7 @@ from antway.ros2.frames import Odometry, Pose
 from antway.ros2.markers import decision_message, predictions_message
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import Kind, nav2_kinds
-from antway.ros2.pilot import ERROR, OK, WARN, Answer, End, Goal, Pilot
+from antway.ros2.pilot import ERROR, OBSTACLES, ODOMETRY, OK, WARN, Answer, End, Goal, Pilot
 from antway.ros2.scan import Tracker, discs, nameless, newest_reached, off_the_map, read_points
 from antway.ros2.settings import LASER, Settings, parameters
 from antway.ros2.tf import Transforms
@@ -110,7 +110,9 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             return TransitionCallbackReturn.FAILURE
         self.get_logger().info(f"the robot is {settings.robot}")
         place = World(Grid(np.zeros((8, 8), bool)))
-        self._compile(place)
+        # An episode and a plan in an empty place compile the kernels of the policy and the planner.
+        run(Scenario(place, (2.0, 2.0), (6.0, 6.0), horizon=1.0), AntwayPolicy(**settings.policy), record=False)
+        solve(Problem(place.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
         self.tracker = Tracker()
         self.tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))  # compiles it; the first scan resets the state
         self.done: Callable[[End, str], None] | None = None  # called with how the drive to the goal ended
@@ -120,7 +122,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.lasers: deque[tuple[float, Any]] = deque(maxlen=20)  # scans that wait for odometry, with their times in s
         self.trail: deque[tuple[float, Pose]] = deque(maxlen=100)
         self.shown: Decision | None = None
-        self.heard, self.fault = time.monotonic(), ""  # of odometry: when it was last good, and why it is refused since then
+        self.heard = time.monotonic()  # s; when odometry was last good
         self.reported, self.logged = (OK, ""), dict[str, float]()  # the logged errors, and when, s
         self._open_publishers(place)
         self._open_subscriptions(kind)
@@ -133,12 +135,6 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         for period, tick in ((settings.robot.dt, self._watch), (1.0, self._diagnose)):
             self.parts.append((self.destroy_timer, self.create_timer(period, tick, clock=steady)))
         return TransitionCallbackReturn.SUCCESS
-
-    def _compile(self, place: World) -> None:
-        """Compile the kernels of the policy and the planner by an episode and a plan in an empty `place`."""
-        settings = self.settings
-        run(Scenario(place, (2.0, 2.0), (6.0, 6.0), horizon=1.0), AntwayPolicy(**settings.policy), record=False)
-        solve(Problem(place.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
 
     def _open_publishers(self, place: World) -> None:
         """Open the topics that the node sends to, and make the pilot, whose guard process sends commands to one of them."""
@@ -230,10 +226,13 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     def _read(self, what: str, read: Callable[[Any], T], message: Any) -> T | None:
         """Read a message; an invalid one, or one in an unknown frame, is refused and reported on diagnostics."""
         try:
-            return read(message)
+            found = read(message)
         except BadInput as wrong:
-            self._say(ERROR, f"{what} refused: {wrong}")
+            self.pilot.faults[what] = f"{what} refused: {wrong}"
+            self._say(ERROR, self.pilot.faults[what])
             return None
+        self.pilot.faults.pop(what, None)
+        return found
 
     def _on_map(self, message: Any) -> None:
         """Receive a map, unless it is older than the one in use."""
@@ -273,13 +272,13 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
                 t, frames.move_tracks(frame, tracks), self.pilot.odometry.xy if self.pilot.odometry else (0.0, 0.0)
             )
 
-        found = self._read("obstacles", read, message)
+        found = self._read(OBSTACLES, read, message)
         if found is not None:
             self.pilot.scan = found
 
     def _on_scan(self, message: Any) -> None:
         """Keep a laser scan until odometry tells where the robot was at its time."""
-        stamp = self._read("scan", lambda scan: convert.seconds(scan.header.stamp), message)
+        stamp = self._read(OBSTACLES, lambda scan: convert.seconds(scan.header.stamp), message)
         if stamp is not None:
             self.lasers.append((stamp, message))
 
@@ -287,6 +286,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         """Use the newest of the kept scans whose times odometry, now at `t` s, has reached."""
         settings, grid = self.settings, self.pilot.map
         reached = None if grid is None else newest_reached(self.lasers, t)
+        if self.lasers and self.lasers[0][0] > t + settings.timeout:
+            self.pilot.faults[OBSTACLES] = f"scans are {self.lasers[0][0] - t:.2f} s newer than odometry"
         if grid is None or reached is None or self.pilot.overtaken(reached[0]):
             return
 
@@ -298,7 +299,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
             return stamp, self.tracker.update(stamp, nameless(places), pose[:2])
 
-        found = self._read("scan", read, reached)
+        found = self._read(OBSTACLES, read, reached)
         if found is not None:
             self.pilot.scan = found
 
@@ -310,8 +311,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             frame = self.transforms.pose(message.header.frame_id, self.settings.frame, odometry.t, self.settings.timeout)
             return frames.move_odometry(frame, odometry)
 
-        odometry = self._read("odom", read, message)
-        self.fault = self.reported[1] if odometry is None else ""
+        odometry = self._read(ODOMETRY, read, message)
         if odometry is None:
             return
         t, now = odometry.t, time.monotonic()
@@ -326,7 +326,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.heard = time.monotonic()  # the time for the start does not count as silence
 
     def _watch(self) -> None:
-        self._do(self.pilot.silent(time.monotonic() - self.heard, self.fault))
+        self._do(self.pilot.silent(time.monotonic() - self.heard))
 
     def _serve_stop(self, request: Any, response: Any) -> Any:
         driving = self.active and self.pilot.goal is not None

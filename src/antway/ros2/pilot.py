@@ -17,7 +17,7 @@ from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
 from antway.planning import standing_cell
 from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.guard import Guard
+from antway.policies.guard import Guard, at_scan
 from antway.policies.guard_process import SILENT, GuardProcess
 from antway.ros2.frames import (
     HERE,
@@ -39,6 +39,7 @@ from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.robots import RobotSpec, towards
 
 OK, WARN, ERROR = 0, 1, 2  # levels of diagnostic_msgs/msg/DiagnosticStatus
+ODOMETRY, OBSTACLES = "odometry", "obstacles"
 STAND = Command((0.0, 0.0))
 
 
@@ -121,6 +122,7 @@ class Pilot:
         self.goal: Goal | None = None
         self.scan: tuple[float, Tracks] | None = None
         self.odometry: Odometry | None = None
+        self.faults: dict[str, str] = {}  # why the last odometry or obstacles were refused
         robot = settings.robot
         self.sent = np.zeros((math.ceil(robot.latency / robot.dt - 1e-9), 2))  # commands that do not act yet
         self.policy: AntwayPolicy | None = None
@@ -182,8 +184,8 @@ class Pilot:
         self.goal = self.policy = self.turner = None
         return self._hold(level, reason, done)
 
-    def silent(self, seconds: float, fault: str = "") -> Answer | None:
-        """Answer that there was no odometry for this time, because of a `fault`, if it is known; a stop goes on without."""
+    def silent(self, seconds: float) -> Answer | None:
+        """Answer that there was no odometry for this time; a stop that has since goes on without."""
         dt = self.settings.robot.dt
         if self._stopping and seconds > 1.5 * dt:
             self.due += dt
@@ -191,7 +193,7 @@ class Pilot:
         if self.goal is None or seconds <= self.settings.timeout:
             return None
         self.brake()
-        reason = fault or f"no odometry for {self.settings.timeout:g} s"
+        reason = self.faults.get(ODOMETRY) or f"no odometry for {self.settings.timeout:g} s"
         if self.goal.gives_up and seconds > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
         return self._hold(ERROR, reason)
@@ -275,16 +277,14 @@ class Pilot:
             return self._turn(goal, odometry)
         if self.map is None:
             return self._wait(t, WARN, "waiting for a map")
+        if OBSTACLES in self.faults and (self.scan is None or abs(t - self.scan[0]) > settings.timeout):
+            return self._wait(t, ERROR, self.faults[OBSTACLES])
         if self.scan is None:
             return self._wait(t, WARN, "waiting for obstacles")
         stamp = self.scan[0]
         if abs(t - stamp) > settings.timeout:
             age = f"{t - stamp:.2f} s older" if stamp < t else f"{stamp - t:.2f} s newer"
             return self._wait(t, ERROR, f"obstacles are {age} than odometry: {'the sensor' if stamp < t else 'that'} is silent")
-        if stamp > t:  # obstacles were seen after the robot's place was measured
-            (x, y), (vx, vy) = xy, odometry.velocity
-            t, xy = stamp, (x + vx * (stamp - t), y + vy * (stamp - t))
-            odometry = odometry._replace(t=t, xy=xy, heading=odometry.heading + odometry.turn_rate * (stamp - odometry.t))
         if self.policy is None:
             try:
                 standing_cell("goal", goal.xy, self.map, self.inflated_grid(self.map), settings.robot.radius)
@@ -301,7 +301,7 @@ class Pilot:
         elif goal.gives_up and t - self.progress[0] > settings.progress_time:
             self.brake()
             return self.drop(f"no progress in {settings.progress_time:g} s", End.STUCK, ERROR)
-        found = self._passed(self.policy.act, self._seen(odometry, self.started, self.scan), t)
+        found = self._passed(self.policy.act, self._seen(odometry, self.started, self.scan), self.started)
         if isinstance(found, Answer):
             return found
         passed, did = found
@@ -312,26 +312,33 @@ class Pilot:
         return Answer(self.command, OK, f"{decision.action}: {decision.reason}")
 
     def _seen(self, odometry: Odometry, start: float, scan: tuple[float, Tracks]) -> Observation:
-        """Return what is observed, in the policy's frame; its time counts from `start` s."""
+        """Return what is observed, in the policy's frame, when obstacles or, if that is later, the robot were seen.
+
+        Its time counts from `start` s.
+        """
         into, sent = inverse(self.frame), self.sent if len(self.sent) else None
         t, xy, velocity, heading, turn_rate = move_odometry(into, odometry)
         tracks, stamp = move_tracks(into, scan[1]), scan[0] - start
-        return Observation(t - start, xy, velocity, heading, tracks, stamp, turn_rate, sent)
+        seen = Observation(t - start, xy, velocity, heading, tracks, stamp, turn_rate, sent)
+        return at_scan(seen) if stamp > seen.t else seen
 
-    def _passed(self, decide: Callable[[Observation], Command], seen: Observation, t: float) -> tuple[Command, str] | Answer:
+    def _passed(
+        self, decide: Callable[[Observation], Command], seen: Observation, start: float
+    ) -> tuple[Command, str] | Answer:
         """Return the command that `decide` answers to an observation, and what became of it, or why the robot stands.
 
-        The guard process gets the observation, with the time `t` s of odometry's clock, before `decide` starts, and the command
-        afterwards; what passes it, and what it did, is returned. Without a guard process a command passes unchanged.
+        The guard process gets the observation before `decide` starts, at its time on odometry's clock (the observation's counts
+        from `start` s), and the command afterwards; what passes it, and what it did, is returned. Without a guard process a
+        command passes unchanged.
         """
         guard, did = self.guard_process, ""
         keeper = guard or self.turner or (None if self.policy is None else self.policy.guard)
         try:
             if guard is not None:
-                self.number = guard.observe(replace(seen, t=t, stamp=t + seen.stamp - seen.t))
+                self.number = guard.observe(replace(seen, t=seen.t + start, stamp=seen.stamp + start))
             command = decide(seen)
         except BadInput as wrong:
-            return self._wait(t, ERROR, str(wrong))
+            return self._wait(seen.t + start, ERROR, str(wrong))
         if guard is not None:
             answer = guard.limit(self.number, command)
             command, did = answer.command, answer.did
@@ -340,7 +347,7 @@ class Pilot:
         self.guard = None if keeper is None or keeper.task.robot.stepwise else keeper
         if did == SILENT:
             self.guard = None
-            return self._wait(t, ERROR, "the guard's process is silent")
+            return self._wait(seen.t + start, ERROR, "the guard's process is silent")
         acts = command.acts(seen, self.settings.robot)
         self._send(acts)
         return replace(command, twist=acts) if self.settings.robot.wheels else command, did
@@ -359,7 +366,7 @@ class Pilot:
             self.policy = None
             self.brake()
             return self._hold(OK, "brakes before it turns to the goal's yaw")
-        seen = self._seen(odometry, 0.0, (min(self.scan[0], t), self.scan[1]))
+        seen = self._seen(odometry, 0.0, self.scan)
         _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), odometry.heading, settings.robot)
         if self.turner is None:
             self.progress = (t, odometry.xy)
@@ -376,7 +383,7 @@ class Pilot:
         if goal.gives_up and t - self.progress[0] > settings.progress_time + math.pi / settings.robot.turn_rate:
             self.brake()
             return self.drop(f"it cannot turn to the goal's yaw {goal.yaw:.2f} rad", End.STUCK, ERROR)
-        found = self._passed(lambda seen: guard.limit(seen, Command(twist=(0.0, rate))), seen, t)
+        found = self._passed(lambda seen: guard.limit(seen, Command(twist=(0.0, rate))), seen, 0.0)
         if isinstance(found, Answer):
             return found
         self.command = Command((0.0, 0.0), found[0].twist)
