@@ -174,3 +174,12 @@ def test_quarter_turns_lose_nothing(quarters, as_numpy):
     turned = Grid(blocked, 0.25, (1.0, 2.0, quarters * math.pi / 2)).turned()
     assert np.array_equal(turned.blocked, np.rot90(blocked, as_numpy)) and turned.unknown is None
     assert Grid(blocked).turned() == Grid(blocked)
+
+
+@pytest.mark.parametrize("cell", [(0.5, 0.5), (0,), "00", None])
+def test_what_is_no_cell_is_refused(cell: object) -> None:
+    grid = Grid(np.zeros((2, 2), dtype=bool))
+    assert grid.is_free(np.array([1, 0])) and not grid.is_free([2, 0])  # type: ignore[arg-type]
+    for ask in (grid.is_free, grid.contains):
+        with pytest.raises(BadParameter, match="cell"):
+            ask(cell)  # type: ignore[arg-type]

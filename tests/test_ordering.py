@@ -253,6 +253,19 @@ def test_spends_no_more_than_it_may() -> None:
     begun = time.process_time()
     order_stops(matrix, seconds=0.5, windows=windows)
     assert time.process_time() - begun < 2.0, "what windows decide alone would take a second and a half more"
+    begun = time.process_time()
+    answer = order_stops(matrix, seconds=0.2, windows=np.tile([0.0, 100.0], (many, 1)), robots=3)
+    assert time.process_time() - begun < 4.0 and len(np.unique(np.concatenate(answer.orders))) == many
+    matrix = np.repeat(np.repeat(matrix, 4, axis=0), 4, axis=1) * rng.uniform(1.0, 1.1, (4 * many, 4 * many))
+    begun = time.process_time()
+    answer = order_stops(matrix, seconds=0.2)
+    assert time.process_time() - begun < 4.0, "a local optimum from any order would take as long again"
+    assert sorted(answer.orders[0]) == list(range(4 * many)) and answer.cost < matrix.mean() * many
+
+
+def test_a_gap_of_nothing_collected_is_infinite() -> None:
+    answer = order_stops([[0, 5], [5, 0]], priorities=[0, 3], deadline=1.0, seconds=0.0)
+    assert answer.bound == 3.0 and answer.collected == 0.0 and answer.gap == math.inf
 
 
 def test_times_of_routes_stay_right() -> None:

@@ -220,6 +220,20 @@ def test_repair_finds_orders_in_time() -> None:
     assert found > 0.9 * case
 
 
+def test_local_search_in_slices_is_the_same() -> None:
+    rng = np.random.default_rng(8)
+    path = Path(rng.uniform(1.0, 9.0, (30, 30)), np.zeros(30), np.full(30, math.inf))
+    whole, sliced, moves = timed_order(30), timed_order(30), MoveOptions(False, 8, 1e-9)
+    for t in (whole, sliced):
+        t.order[:] = np.arange(30)
+        refresh(path.windows, t)
+    assert settle(path.windows, whole, moves) == 0
+    place, slices = 1, 0
+    while place := settle(path.windows, sliced, moves, place, 3):
+        slices += 1
+    assert slices > 9 and sliced.order.tolist() == whole.order.tolist() != list(range(30))
+
+
 def test_same_seed_same_bytes() -> None:
     instance = task(np.random.default_rng(1), 40, 40, 120.0)
     first, again = (solve_tsptw(instance, cycles=12, seed=7) for _ in range(2))
@@ -354,6 +368,7 @@ def test_command(tmp_path, monkeypatch, capsys) -> None:
     file.write_bytes(SMALL.replace(b"0 90", b"0 5"))
     status, text = run()
     assert status == 3 and "cannot all be visited in time: 3" in text and "costs less" not in text
+    assert run("--seconds", "inf")[0] == 2
     file.write_bytes(SMALL.replace(b"0 90", b"0"))
     assert run()[0] == 2
 

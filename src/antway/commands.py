@@ -130,9 +130,10 @@ def tsptw_command(
 
     Exit status: 3 if no order is in time, 4 if none was found.
     """
-    from antway import check_tsptw, load_tsptw, solve_tsptw
+    from antway import check_tsptw, checks, load_tsptw, solve_tsptw
 
-    kind, instance = _objective(objective), load_tsptw(file)
+    kind, seconds = _objective(objective), checks.number("seconds", seconds, low=0.0, unit="s")
+    instance = load_tsptw(file)
     with working("searching"):
         solve_tsptw(instance, objective=kind, cycles=1, seed=seed)  # kernels are loaded before the clock starts
         result = solve_tsptw(instance, objective=kind, seconds=seconds, seed=seed)

@@ -157,11 +157,12 @@ class Grid:
 
     def contains(self, cell: Cell) -> bool:
         """Tell whether `cell` is on the map."""
-        rows, cols = self.shape
-        return 0 <= cell[0] < rows and 0 <= cell[1] < cols
+        (row, col), (rows, cols) = checked_cell("cell", cell), self.blocked.shape
+        return bool(0 <= row < rows and 0 <= col < cols)
 
     def is_free(self, cell: Cell) -> bool:
         """Tell whether `cell` is on the map and not blocked."""
+        cell = checked_cell("cell", cell)
         return self.contains(cell) and not bool(self.blocked[cell])
 
     def centre(self, cell: Cell) -> tuple[float, float]:
@@ -277,6 +278,14 @@ class Grid:
         if radius == 0.0:
             return self
         return replace(self, blocked=self.blocked | (self.clearance() < radius * (1 - 1e-12)))
+
+
+def checked_cell(name: str, value: object) -> Cell:
+    """Return `value` as (row, col)."""
+    if type(value) is tuple and len(value) == 2 and type(value[0]) is type(value[1]) is int:
+        return value  # the usual case, without further checks
+    row, col = checks.sequence(name, value, "a cell (row, col)", size=2)
+    return checks.integer(f"{name}[0]", row), checks.integer(f"{name}[1]", col)
 
 
 def _pairs(name: str, value: ArrayLike) -> NDArray[np.float64]:

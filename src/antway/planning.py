@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
-from antway.grid import Cell, Grid, Moves
+from antway.grid import Cell, Grid, Moves, checked_cell
 from antway.lazy import drawing
 from antway.tables import PLANNERS as PLANNERS
 
@@ -57,13 +57,9 @@ class Problem:
 
 def free_cell(name: str, value: object, grid: Grid) -> Cell:
     """Return `value` as a free (row, col) of `grid`, or raise the error that says what is wrong."""
-    if type(value) is tuple and len(value) == 2 and type(value[0]) is type(value[1]) is int:
-        cell: Cell = value  # the usual case, without further checks
-    else:
-        row, col = checks.sequence(name, value, "a cell (row, col)", size=2)
-        cell = (checks.integer(f"{name}[0]", row), checks.integer(f"{name}[1]", col))
-    rows, cols = grid.blocked.shape
-    if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
+    cell = checked_cell(name, value)
+    if not grid.contains(cell):
+        rows, cols = grid.blocked.shape
         raise OutOfBounds(name, cell, f"on the map of {rows} rows and {cols} columns")
     if grid.blocked[cell]:
         raise CellBlocked(name, cell, "a free cell; this one is blocked")

@@ -193,7 +193,7 @@ class Colony:
             self.cycle,
             list(state.orders),
             state.lengths,
-            lambda order: float(cities_kernel.length(self.cities, order.astype(np.uint32))),
+            lambda order: float(cities_kernel.length(self.cities.metric, order.astype(np.uint32))),
             vaccinate_tour,
         )
         state.orders[:], state.lengths[:] = np.array(tours), costs

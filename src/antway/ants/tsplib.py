@@ -124,7 +124,13 @@ class Tsp:
 
     def length(self, order: object) -> float:
         """Return the length of the closed tour `order`, a permutation of the cities 0 ... n - 1."""
-        return float(kernel.length(self.cities(1), permutation("order", order, self.size)))
+        return float(kernel.length(self._metric(), permutation("order", order, self.size)))
+
+    def _metric(self) -> kernel.Metric:
+        """Return the distances for kernels; arrays are writable, so that kernels are compiled for one type only."""
+        xy = np.zeros((0, 2)) if self.xy is None or self.matrix is not None else self.xy.copy()
+        matrix = np.zeros((0, 0)) if self.matrix is None else self.matrix.copy()
+        return kernel.Metric(_KINDS[self.metric], xy, matrix)
 
     def cities(self, candidates: int, *, by_quadrant: bool = False) -> kernel.Cities:
         """Return the distances and the `candidates` nearest cities of each city (k-d tree, or whole rows) for kernels.
@@ -133,15 +139,15 @@ class Tsp:
         """
         n = self.size
         k = min(candidates, n - 1)
-        xy = np.ascontiguousarray(self.xy) if self.matrix is None else np.zeros((0, 2))
-        matrix = np.empty((0, 0)) if self.matrix is None else np.ascontiguousarray(self.matrix)
+        metric = self._metric()
+        xy = metric.xy
         if k == n - 1:
             near = np.array([np.delete(np.arange(n), i) for i in range(n)])
         elif self.matrix is not None and self.xy is not None and by_quadrant:
-            found = _nearest(matrix, min(12 * k, n - 1))
+            found = _nearest(self.matrix, min(12 * k, n - 1))
             near = _by_quadrant(np.arange(n), found, _bearings(self.xy, found), k)
         elif self.matrix is not None:
-            near = _nearest(matrix, k)
+            near = _nearest(self.matrix, k)
         elif by_quadrant:
             near = _around(xy, k)
         else:
@@ -151,8 +157,6 @@ class Tsp:
             own[~own.any(axis=1), k] = True
             near = found[~own]
         near = near.reshape(n, k).astype(np.uint32)
-        # Arrays are writable, so that kernels are compiled for one type only.
-        metric = kernel.Metric(_KINDS[self.metric], xy.copy(), matrix.copy())
         gap = kernel.gaps(metric, near)
         ranking = np.argsort(gap, axis=1, kind="stable")
         near, gap = np.take_along_axis(near, ranking, 1), np.take_along_axis(gap, ranking, 1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 
 import numpy as np
@@ -87,10 +86,10 @@ def best_routes(stops: Stops, clock: Clock, cycles: int | None, seed: int, initi
         temperature = step * hot * (_COLD / hot) ** (used * runs - run)
         kernel.anneal(fleet, scratch, current, best, record, drawn(done + 1), _ITERATIONS, temperature)
         done += 1
-    orders = [rows[best.stops[k, : best.sizes[k]]] for k in range(stops.robots)]
+    orders = [_order(stops, rows[best.stops[k, : best.sizes[k]]]) for k in range(stops.robots)]
     if stops.priorities is None:
-        orders = _complete(stops, orders, [int(rows[i]) for i in range(1, n - 1) if best.route[i] == kernel.OUT])
-    return [_order(stops, order) for order in orders]
+        orders = _complete(stops, orders, rows[1:-1][best.route[1:-1] == kernel.OUT].tolist(), clock)
+    return orders
 
 
 def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floats) -> tuple[kernel.Fleet, float]:
@@ -134,15 +133,19 @@ def _order(stops: Stops, order: Order) -> Order:
     return order[:-1].astype(np.int32) if stops.end is None else order.astype(np.int32)
 
 
-def _complete(stops: Stops, orders: list[Order], left: list[int]) -> list[Order]:
-    """Insert the stops that no robot can visit in time where the lateness is least."""
-    for stop in left:
-        best: tuple[float, int, Order] = (math.inf, 0, orders[0])
+def _complete(stops: Stops, orders: list[Order], left: list[int], clock: Clock) -> list[Order]:
+    """Insert the stops that no robot can visit in time where the lateness is least.
+
+    Once the clock is spent, robots go on to the nearest one from the ends of their routes.
+    """
+    task = stops.matrix, stops.windows, stops.service, stops.deadline, stops.closed, stops.end is None
+    while left:
+        hurry, found = clock.spent(), []
         for k, order in enumerate(orders):
-            for p in range(1, len(order)):
-                trial = np.insert(order, p, stop)
-                _, _, end, late = stops.timing(_order(stops, trial))
-                if late + 1e-6 * end < best[0] or best[0] == math.inf:
-                    best = late + 1e-6 * end, k, trial
-        orders[best[1]] = best[2].astype(np.int32)
+            last = len(order) if stops.end is None else len(order) - 1
+            stop = left[int(np.argmin(stops.matrix[order[last - 1], left])) if hurry else 0]
+            found.append((*kernel.least_late_place(*task, order, stop, last if hurry else 1), k, stop))
+        _, place, k, stop = min(found, key=lambda trial: trial[0])
+        orders[k] = np.insert(orders[k], place, stop)
+        left.remove(stop)
     return orders

@@ -30,19 +30,20 @@ def best_order(
     makespan = stops.objective == "makespan"
     found = search(path, clock, makespan=makespan, cycles=cycles, seed=seed, initial=first, pheromone=tau)
     proven = found.proven and found.late == 0.0
-    order = found.order if first is None or found.late < path.late(first) else first
-    if found.late > 0.0 and np.isfinite(spans[order[:-1], order[1:]]).all():
+    order = found.order if found.late == 0.0 or first is None or found.late < path.late(first) else first
+    if found.late > 0.0 and not clock.spent() and np.isfinite(spans[order[:-1], order[1:]]).all():
         # With windows that are longer by the delays of this order, the rest of the budget is for its cost.
-        eased = Path(spans, opens, np.maximum(closes, path.starts(order)), quick or clock.spent())
+        eased = Path(spans, opens, np.maximum(closes, path.starts(order)), quick)
         left = None if cycles is None else max(cycles - found.cycles, 1)
         found = search(eased, clock, makespan=makespan, cycles=left, seed=seed, initial=order, pheromone=tau)
+        order = found.order
     learned = None
     if found.pheromone.size:
         learned = np.full((n, n), TAU_0)
         learned[np.ix_(ids[:-1], ids[1:-1])] = found.pheromone[:-1, 1:-1]
         if rows[-1] >= 0:
             learned[ids[1:-1], rows[-1]] = found.pheromone[1:-1, -1]
-    order = rows[found.order]
+    order = rows[order]
     order = order[:-1] if stops.end is None else order
     return order.astype(np.int32), proven, learned
 

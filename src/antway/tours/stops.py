@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,8 +94,8 @@ def checked(
     else:
         last = None if end is None else checks.integer("end", end, low=0, high=n - 1)
     opens = checked_windows(windows, n)
-    stays = np.zeros(n) if service is None else _amounts("service", service, n)
-    worth = None if priorities is None else _amounts("priorities", priorities, n)
+    stays = amounts("service", 0.0 if service is None else service, n)
+    worth = None if priorities is None else amounts("priorities", priorities, n)
     return Stops(
         times,
         first,
@@ -108,12 +109,14 @@ def checked(
     )
 
 
-def _amounts(name: str, values: object, n: int) -> Floats:
-    """Return `values` as float64[n] of numbers in [0, 1e9]."""
-    result = checks.array(name, values, (n,))
-    for i in np.flatnonzero((result < 0.0) | (result > 1e9))[:1]:
-        raise BadParameter(f"{name}[{i}]", float(result[i]), "in [0, 1e9]")
-    return result
+def amounts(name: str, value: object, n: int) -> Floats:
+    """Return one number in [0, 1e9] for each stop; a single number holds for all."""
+    if not isinstance(value, Iterable):
+        return np.full(n, checks.number(name, value, low=0.0, high=1e9))
+    listed = checks.sequence(name, value, "a number, or one for each stop")
+    if len(listed) != n:
+        raise BadParameter(f"len({name})", len(listed), f"that of stops, {n}")
+    return np.array([checks.number(f"{name}[{i}]", one, low=0.0, high=1e9) for i, one in enumerate(listed)])
 
 
 def checked_matrix(matrix: object, most: int, of: str, *, finite: bool) -> Floats:
@@ -140,10 +143,6 @@ def checked_windows(windows: object, n: int) -> Floats:
     if windows is None:
         return np.tile([0.0, math.inf], (n, 1))
     result = checks.array("windows", windows, (n, 2), finite=False)
-    if np.isnan(result).any():
-        raise BadParameter(f"windows[{int(np.argwhere(np.isnan(result))[0, 0])}]", math.nan, "two numbers (s)")
-    for i in np.flatnonzero((result[:, 0] > result[:, 1]) | (result[:, 1] < 0.0) | (result[:, 0] > 1e9))[:1]:
-        raise BadParameter(
-            f"windows[{i}]", tuple(result[i].tolist()), "an earliest time in [-inf, 1e9] and a latest no earlier, >= 0 (s)"
-        )
+    for i in np.flatnonzero(~((result[:, 0] <= result[:, 1]) & (result[:, 1] >= 0.0) & (result[:, 0] <= 1e9))):
+        checks.window(f"windows[{i}]", result[i])
     return np.maximum(result, 0.0)

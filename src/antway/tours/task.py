@@ -15,7 +15,7 @@ from antway.errors import BadParameter, TooLarge
 from antway.grid import Cell, Grid, Moves
 from antway.planning import standing_cell
 from antway.search.costs import checked_costs
-from antway.tours.stops import MAX_STOPS
+from antway.tours.stops import MAX_STOPS, amounts
 
 Point = tuple[float, float]
 Floats = NDArray[np.float64]
@@ -142,8 +142,8 @@ def tour_task(
         known,
         last,
         _windows(windows, n, named),
-        _amounts("service", 0.0 if service is None else service, n),
-        None if priorities is None else _amounts("priorities", priorities, n),
+        amounts("service", 0.0 if service is None else service, n),
+        None if priorities is None else amounts("priorities", priorities, n),
         checks.number("deadline", deadline, low=0.0, infinite=True, unit="s"),
         checks.integer("robots", robots, low=1, high=1_000),
         checks.objective(objective),
@@ -176,23 +176,7 @@ def _windows(windows: Sequence[Iterable[float] | None] | ArrayLike | None, n: in
     if len(listed) != n:
         raise BadParameter("len(windows)", len(listed), f"that of stops, {n}")
     for i, window in enumerate(listed):
-        if window is None:
-            continue
-        field = f"windows[{i}]{named[i]}"
-        parts = checks.sequence(field, window, wanted, size=2)
-        early, late = (checks.number(field, part, low=-math.inf, infinite=True, unit="s") for part in parts)
-        if early > late or late < 0.0 or early > 1e9:
-            raise BadParameter(field, (early, late), "an earliest time of at most 1e9 s and a latest no earlier, >= 0")
-        pairs[i] = max(early, 0.0), late
+        if window is not None:
+            pairs[i] = checks.window(f"windows[{i}]{named[i]}", window)
     pairs.flags.writeable = False
     return pairs
-
-
-def _amounts(name: str, value: ArrayLike, n: int) -> Floats:
-    """Return one number in [0, 1e9] for each stop; a single number holds for all."""
-    if not isinstance(value, Iterable):
-        return np.full(n, checks.number(name, value, low=0.0, high=1e9))
-    listed = checks.sequence(name, value, "a number, or one for each stop")
-    if len(listed) != n:
-        raise BadParameter(f"len({name})", len(listed), f"that of stops, {n}")
-    return np.array([checks.number(f"{name}[{i}]", one, low=0.0, high=1e9) for i, one in enumerate(listed)])

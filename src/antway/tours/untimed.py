@@ -16,6 +16,9 @@ from antway.tours.stops import Floats, Order, Stops
 
 FEW = 12  # number of stops up to which a dynamic program finds the best order in about 1 ms
 ROUNDS = 60, 400  # least and largest number of subgradient steps for the bound
+HASTY = 10  # least number where there is less time
+PACE = 2.5e8  # work of the bound in a second
+FOR_BOUND = 0.3  # part of the time that the bound may take
 WORK = 20_000_000  # work of the bound that determines the number of these steps, about 50 ms
 
 
@@ -41,7 +44,7 @@ def shortest_order(
         whole = _as_order(held_karp.best_of_few(np.ascontiguousarray(away[np.ix_(first, first)]), end), stops)
         return whole, stops.travel(whole)
     closed, extra, end = closed_matrix(stops, away)
-    least = held_karp_bound(closed, extra, end)
+    least = held_karp_bound(closed, extra, end, FOR_BOUND * (clock.end - clock.started))
     instance = Tsp(matrix=closed, optimum=(least + extra) * (1 + 2e-9))
     known = None if initial is None else _improved(instance, np.argsort(first)[initial], end)
     left = None if clock.end == math.inf else max(0.0, clock.end - time.perf_counter())
@@ -81,11 +84,12 @@ def closed_matrix(stops: Stops, away: Floats) -> tuple[Floats, float, int]:
     return np.ascontiguousarray(closed), far if end < 0 else 0.0, end
 
 
-def held_karp_bound(closed: Floats, extra: float, end: int) -> float:
-    """Return a lower bound of tours over `closed_matrix`, minus `extra`."""
+def held_karp_bound(closed: Floats, extra: float, end: int, seconds: float = math.inf) -> float:
+    """Return a lower bound of tours over `closed_matrix`, minus `extra`, weaker if it would take more `seconds`."""
     if len(closed) < 3:
         return 0.0
     rounds = max(ROUNDS[0], min(ROUNDS[1], WORK // len(closed) ** 2))
+    rounds = int(max(HASTY, min(rounds, PACE * seconds / len(closed) ** 2)))
     # Distances have rounding errors, which must not lift the bound above a tour.
     return max(0.0, (held_karp.bound(closed, _nearest_first(closed), rounds) - extra) * (1 - 1e-9))
 

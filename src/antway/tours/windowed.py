@@ -27,6 +27,8 @@ _EVAPORATION = 0.1  # share of pheromone that is replaced in a cycle
 _TEMPERATURE = 0.5  # typical steps; by about how much worse an order may become at first
 _HURRY = 3.0  # largest weight of a second of arrival time for ants, relative to a second of lower bound
 _WIDTH = 30  # partial orders in the beam of a cycle
+_LOOKS = 200_000  # stops looked at between two checks of the budget, times stops
+_PACE = 1e8  # stops evaluated in a second, when an order is repaired on a busy machine
 _STATES = 4_000_000  # limit of partial orders times stops in a beam, 12 bytes each
 _SLICE = 0.02  # s; time between two checks of the budget
 
@@ -144,7 +146,7 @@ def _decimal(values: Floats, horizon: float) -> float:
 def _record(
     steps: Floats, far: Floats, opens: Floats, closes: Floats, first: NDArray[np.bool_], leave: Floats, enter: Floats
 ) -> kernel.Windows:
-    """Return the record for kernels."""
+    """Return the record for kernels. Without precedence, which any analysis of windows finds, it is for local search alone."""
     n = len(steps)
     reduced = steps - leave[:, None] - enter[None, :]
     words = (n + 63) // 64
@@ -156,7 +158,7 @@ def _record(
         np.ascontiguousarray(far),
         opens,
         closes,
-        np.argsort(reduced, axis=1, kind="stable").astype(np.int32),
+        np.argsort(reduced[:, : n * first.any()], axis=1, kind="stable").astype(np.int32),
         np.isfinite(reduced).sum(axis=1).astype(np.int32),
         np.ascontiguousarray(before),
         np.argsort(closes, kind="stable").astype(np.int32),
@@ -202,9 +204,9 @@ def search(
     of the ants' beams, 0 for no ants.
     """
     n = len(path.time)
-    # The initial order is by due times.
-    due = 1 + np.argsort((path.opens + path.closes)[1:-1], kind="stable")
-    start = np.concatenate(([0], due, [n - 1])).astype(np.int32) if initial is None else initial.astype(np.int32)
+    start = _by_due_times(path) if initial is None else initial.astype(np.int32)
+    if path.quick and initial is None:
+        start = min(start, _earliest_first(path), key=lambda order: (path.late(order), path.starts(order)[-1]))
     if not path.feasible or n <= 3:
         late = float(repair(path.finite, path.opens, path.closes, start, 0 if n <= 3 else 20, np.uint64(seed)))
         conflict = () if path.feasible else path.conflict()
@@ -214,6 +216,24 @@ def search(
     width, attempts = (0, _FEW_ATTEMPTS) if path.quick else (min(width, _WIDTH), _ATTEMPTS)
     options = colonies.ColonyOptions(width, attempts, evaporation, _TEMPERATURE * step, step, _HURRY, moves)
     return _Run(path, clock, options, seed, target, start, initial is not None, pheromone).go(cycles)
+
+
+def _by_due_times(path: Path) -> Order:
+    """Return the order by the middles of the windows."""
+    due = 1 + np.argsort((path.opens + path.closes)[1:-1], kind="stable")
+    return np.concatenate(([0], due, [len(path.time) - 1])).astype(np.int32)
+
+
+def _earliest_first(path: Path) -> Order:
+    """Return the order that always goes on to the stop at which service can start first."""
+    n = len(path.time)
+    order, now, visited = np.arange(n, dtype=np.int32), path.opens[0], np.zeros(n)
+    visited[[0, -1]] = math.inf
+    for p in range(1, n - 1):
+        starts = np.maximum(now + path.finite[order[p - 1]], path.opens) + visited
+        order[p] = np.argmin(starts)
+        now, visited[order[p]] = starts[order[p]], math.inf
+    return order
 
 
 class _Run:
@@ -247,6 +267,13 @@ class _Run:
         if math.isfinite(best) and (not self.history or best < self.history[-1][1]):
             self.history.append((int(self.colony.record[colonies.CYCLE]), best, self.clock.elapsed()))
 
+    def _adopt(self, order: Order) -> None:
+        """Improve `order`, in which no stop is late, until the clock is spent, and give it to the colony."""
+        place, looks = 0, max(1, _LOOKS // len(order))
+        while place := colonies.adopt(self.path.windows, self.colony, self.options.moves, self.timed, order, place, looks):
+            if self.clock.spent():
+                break
+
     def _widen(self, width: int, backward: bool) -> None:
         """Search with a beam of `width` partial orders, from the start or from the end."""
         path, record = self.path, self.colony.record
@@ -259,16 +286,18 @@ class _Run:
         cost, whole = beams.search(task, none, choice, width, np.uint64(1), beams.workspace(n, width), order)
         if cost < math.inf:
             order = n - 1 - order[::-1] if backward else order
-            colonies.adopt(path.windows, self.colony, moves, self.timed, order)
+            self._adopt(order)
         self.proven = bool(whole)
 
     def _repair(self, attempts: int, draw: int) -> float:
         """Reduce the lateness of the initial order, and give it to the colony once it is in time; return its lateness."""
         path = self.path
-        drawn, work = np.uint64(stream(self.seed, np.uint64(draw))), QUICK_WORK if path.quick else WORK
+        drawn = np.uint64(stream(self.seed, np.uint64(draw)))
+        left = max(0.0, self.clock.end - time.perf_counter())
+        work = int(min(QUICK_WORK if path.quick else WORK, _PACE * left))
         late = float(repair(path.finite, path.opens, path.closes, self.start, attempts, drawn, work))
         if late == 0.0:
-            colonies.adopt(path.windows, self.colony, self.options.moves, self.timed, self.start)
+            self._adopt(self.start)
         return late
 
     def go(self, cycles: int | None) -> Found:
@@ -278,7 +307,9 @@ class _Run:
         late = self._repair(0, 0) if self.warm else math.inf
         self._note()
         batch, done, widened, beam_time, backward = 1, 0, 4, 0.0, False
-        while done < limit and not (done and self.clock.spent()) and not self.proven and record[colonies.BEST] > self.target:
+        while done < limit and not self.proven and record[colonies.BEST] > self.target:
+            if (done or self.warm) and self.clock.spent():
+                break
             batch = min(batch, limit - done, widened - done)
             started = time.perf_counter()
             ran = colonies.cycles(path.windows, path.mirror, self.colony, self.options, self.seed, batch, self.beam, self.timed)

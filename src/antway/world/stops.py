@@ -39,11 +39,7 @@ class Stop:
         set_ = object.__setattr__
         set_(self, "at", checks.point("at", self.at))
         checks.instance("name", self.name, str)
-        parts = checks.sequence("window", self.window, "(earliest, latest) in s", size=2)
-        early, late = (checks.number("window", part, infinite=True, unit="s") for part in parts)
-        if early > late or late < 0.0 or early > 1e9:
-            raise BadParameter("window", (early, late), "an earliest time of at most 1e9 s and a latest no earlier, >= 0")
-        set_(self, "window", (max(early, 0.0), late))
+        set_(self, "window", checks.window("window", self.window))
         set_(self, "service", checks.number("service", self.service, low=0.0, high=1e9, unit="s"))
 
 

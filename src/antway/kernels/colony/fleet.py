@@ -309,3 +309,47 @@ def start(fleet: Fleet, r: Routes, seed: np.uint64) -> tuple[float, float]:
     absent, keys = np.zeros(n, dtype=np.int32), np.zeros(n)
     recreate(fleet, r, absent, keys, state)
     return objective(fleet, r)
+
+
+@bare_kernel
+def serve(
+    time: Floats, windows: Floats, service: Floats, here: int, there: int, now: float, late: float
+) -> tuple[float, float]:
+    """Return the time after the service at `there`, for a robot that leaves `here` at `now`, and its lateness so far."""
+    now += time[here, there]
+    now += max(0.0, windows[there, 0] - now)
+    if now > windows[there, 1]:
+        late += now - windows[there, 1]
+    return now + service[there], late
+
+
+@bare_kernel
+def least_late_place(
+    time: Floats, windows: Floats, service: Floats, deadline: float, closed: bool, open_end: bool, order: Ids, stop: int, p: int
+) -> tuple[float, int]:
+    """Return the place, `p` or later, at which to insert `stop` into a late route so that it is least late, then ends first.
+
+    The first result is the lateness plus a millionth of the end time. The route is over rows of the matrix `time`; its windows
+    end with a `deadline` for its end. A `closed` route ends at its start, where nothing is served again.
+    """
+    now, late = serve(time, windows, service, order[0], order[0], 0.0, 0.0)
+    best, place, n = np.inf, p, len(order)
+    for before in range(n if open_end else n - 1):
+        if before > 0:
+            now, late = serve(time, windows, service, order[before - 1], order[before], now, late)
+        if before + 1 < p:
+            continue
+        end, delay = serve(time, windows, service, order[before], stop, now, late)
+        at = stop
+        for k in range(before + 1, n):
+            if closed and k == n - 1:
+                end += time[at, order[k]]
+            else:
+                end, delay = serve(time, windows, service, at, order[k], end, delay)
+            if delay > best:
+                break
+            at = order[k]
+        value = delay + (end - deadline if end > deadline else 0.0) + 1e-6 * end
+        if value < best or best == np.inf:
+            best, place = value, before + 1
+    return best, place

@@ -53,12 +53,12 @@ def distance(metric: Metric, i: Index, j: Index) -> float:
 
 
 @bare_kernel
-def length(cities: Cities, order: Ids) -> float:
+def length(metric: Metric, order: Ids) -> float:
     """Return the length of the closed tour `order`."""
     total = 0.0
     before = order[-1]
     for city in order:
-        total += distance(cities.metric, before, city)
+        total += distance(metric, before, city)
         before = city
     return total
 

@@ -165,11 +165,14 @@ def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, ord
                 local_update(cities, colony, numbers, i, c)
         else:
             j, least = np.uint32(0), math.inf
-            for other in range(n):
+            for step in range(1, n):  # from i on, so that the next one of many cities in the same place is soon found
+                other = np.uint32(i + step if i + step < n else i + step - n)
                 if left[other] > 0.0:
                     d = distance(cities.metric, i, other)
-                    if d < least:
-                        j, least = np.uint32(other), d
+                    if d < least or (d == least and other < j):
+                        j, least = other, d
+                        if d == 0.0:
+                            break
             total += least
         order[t], left[j] = j, 0.0
         i = j

@@ -104,13 +104,19 @@ def note(colony: Colony, order: Ids, cost: float) -> None:
 
 
 @kernel
-def adopt(problem: Windows, colony: Colony, moves: MoveOptions, t: TimedOrder, order: Ids) -> None:
-    """Improve and keep `order`, which comes from elsewhere and has no late stop."""
-    copy_row(order, t.order)
-    t.look[:] = True
-    refresh(problem, t)
-    settle(problem, t, moves)
+def adopt(problem: Windows, colony: Colony, moves: MoveOptions, t: TimedOrder, order: Ids, place: int, looks: int) -> int:
+    """Improve and keep `order`, which comes from elsewhere and has no late stop, by up to `looks` looks at a stop.
+
+    Returns the `place` from which another call goes on, or 0 when there is nothing more to improve; the first call has place 0.
+    """
+    if place == 0:
+        copy_row(order, t.order)
+        t.look[:] = True
+        refresh(problem, t)
+        place = 1
+    place = settle(problem, t, moves, place, looks)
     note(colony, t.order, value(t, moves.makespan))
+    return place
 
 
 @kernel

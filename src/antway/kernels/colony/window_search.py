@@ -264,12 +264,18 @@ def make(problem: Windows, t: TimedOrder, move: Move) -> None:
 
 
 @bare_kernel
-def settle(problem: Windows, t: TimedOrder, options: MoveOptions) -> None:
-    """Make improving moves until no marked stop has one. No stop is late before or after."""
+def settle(problem: Windows, t: TimedOrder, options: MoveOptions, i: int = 1, looks: int = 2**62) -> int:
+    """Make improving moves from place i on, until no marked stop has one; return 0. No stop is late before or after.
+
+    After `looks` stops were looked at, return the place from which another call goes on as if there had been only one.
+    """
     n = len(t.order)
-    quiet, i = 0, 1
+    quiet = 0
     while quiet < n - 2:
         if t.look[t.order[i]]:
+            if looks == 0:
+                return i
+            looks -= 1
             move = best_at(problem, t, options, i, 0.0, t.state)
             if move.i >= 0:
                 make(problem, t, move)
@@ -278,6 +284,7 @@ def settle(problem: Windows, t: TimedOrder, options: MoveOptions) -> None:
             t.look[t.order[i]] = False
         quiet += 1
         i = i + 1 if i < n - 2 else 1
+    return 0
 
 
 @bare_kernel
