@@ -424,11 +424,12 @@ def test_obstacles_seen_after_odometry_move_the_robot_on() -> None:
 def test_why_sensors_are_refused_is_told_once_that_matters() -> None:
     """While the last good obstacles are young it drives on; then it says why none came since, and the same of odometry."""
     drive = ready()
-    drive.pilot.faults = {OBSTACLES: "obstacles refused: so", ODOMETRY: "odometry refused: so"}
+    faults = {what: f"{what} refused: so" for what in (OBSTACLES, ODOMETRY)}
+    drive.pilot.faults = {what: (time.monotonic() + 99.0, why) for what, why in faults.items()}
     answers = [drive.step(None) for _ in range(8)]
     assert answers[0].drives and (answers[-1].level, answers[-1].reason) == (ERROR, "obstacles refused: so")
     assert drive.pilot.silent(9.0).reason == "odometry refused: so"
-    drive.pilot.faults.clear()
+    drive.pilot.faults = {what: (time.monotonic() - 0.6, why) for what, why in faults.items()}
     assert "silent" in drive.step(None).reason and "no odometry" in drive.pilot.silent(9.0).reason
 
 

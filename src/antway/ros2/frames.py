@@ -78,6 +78,11 @@ def move_point(a: Pose, xy: XY) -> XY:
     return a[0] + x, a[1] + y
 
 
+def shown(xy: XY) -> str:
+    """Return a place, m, in words, to the centimetre."""
+    return "({:.2f}, {:.2f})".format(*xy)
+
+
 def move(a: Pose, xy: ArrayLike) -> NDArray[np.float64]:
     """Return the world coordinates of points `xy`, float[N, 2] in m, of a frame with the pose `a`."""
     moved: NDArray[np.float64] = _turned(a[2], np.asarray(xy, np.float64).reshape(-1, 2)) + a[:2]

@@ -228,8 +228,9 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         try:
             found = read(message)
         except BadInput as wrong:
-            self.pilot.faults[what] = f"{what} refused: {wrong}"
-            self._say(ERROR, self.pilot.faults[what])
+            reason = f"{what} refused: {wrong}"
+            self.pilot.faults[what] = time.monotonic(), reason
+            self._say(ERROR, reason)
             return None
         self.pilot.faults.pop(what, None)
         return found
@@ -287,7 +288,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         settings, grid = self.settings, self.pilot.map
         reached = None if grid is None else newest_reached(self.lasers, t)
         if self.lasers and self.lasers[0][0] > t + settings.timeout:
-            self.pilot.faults[OBSTACLES] = f"scans are {self.lasers[0][0] - t:.2f} s newer than odometry"
+            self.pilot.faults[OBSTACLES] = time.monotonic(), f"scans are {self.lasers[0][0] - t:.2f} s newer than odometry"
         if grid is None or reached is None or self.pilot.overtaken(reached[0]):
             return
 

@@ -30,6 +30,7 @@ from antway.ros2.frames import (
     move_odometry,
     move_point,
     move_tracks,
+    shown,
     turn,
 )
 from antway.ros2.markers import predictions
@@ -91,11 +92,6 @@ class Goal:
     yaw: float = math.nan
 
 
-def _shown(xy: XY) -> str:
-    """Return a place in words, to the centimetre."""
-    return "({:.2f}, {:.2f})".format(*xy)
-
-
 @cache
 def prepare(robot: RobotSpec) -> None:
     """Compile what drives a robot with inertia: one that was declared without it often turns out to have some on the way."""
@@ -122,7 +118,7 @@ class Pilot:
         self.goal: Goal | None = None
         self.scan: tuple[float, Tracks] | None = None
         self.odometry: Odometry | None = None
-        self.faults: dict[str, str] = {}  # why the last odometry or obstacles were refused
+        self.faults: dict[str, tuple[float, str]] = {}  # when odometry or obstacles were last refused (steady, s), and why
         robot = settings.robot
         self.sent = np.zeros((math.ceil(robot.latency / robot.dt - 1e-9), 2))  # commands that do not act yet
         self.policy: AntwayPolicy | None = None
@@ -176,7 +172,7 @@ class Pilot:
             self.due = -math.inf
         if before is None:
             return None
-        return self._hold(OK, f"the goal {_shown(before.xy)} is pre-empted by {_shown(goal.xy)}", End.REPLACED)
+        return self._hold(OK, f"the goal {shown(before.xy)} is pre-empted by {shown(goal.xy)}", End.REPLACED)
 
     def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> Answer:
         """Stop, and end the goal."""
@@ -193,10 +189,15 @@ class Pilot:
         if self.goal is None or seconds <= self.settings.timeout:
             return None
         self.brake()
-        reason = self.faults.get(ODOMETRY) or f"no odometry for {self.settings.timeout:g} s"
+        reason = self._fault(ODOMETRY) or f"no odometry for {self.settings.timeout:g} s"
         if self.goal.gives_up and seconds > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
         return self._hold(ERROR, reason)
+
+    def _fault(self, what: str) -> str:
+        """Return why odometry or obstacles were refused within the last `timeout`; empty if they were not."""
+        refused, reason = self.faults.get(what, (-math.inf, ""))
+        return reason if time.monotonic() <= refused + self.settings.timeout else ""
 
     def receive_odometry(self, odometry: Odometry, now: float) -> Answer | None:
         """Receive odometry that arrived at `now` s of a steady clock; answer once in each control period.
@@ -273,12 +274,12 @@ class Pilot:
                 off = wrap(goal.yaw - odometry.heading)
             if not abs(off) > settings.yaw_tolerance:
                 self.brake()
-                return self.drop(f"arrived at {_shown(goal.xy)}", End.ARRIVED)
+                return self.drop(f"arrived at {shown(goal.xy)}", End.ARRIVED)
             return self._turn(goal, odometry)
         if self.map is None:
             return self._wait(t, WARN, "waiting for a map")
-        if OBSTACLES in self.faults and (self.scan is None or abs(t - self.scan[0]) > settings.timeout):
-            return self._wait(t, ERROR, self.faults[OBSTACLES])
+        if (self.scan is None or abs(t - self.scan[0]) > settings.timeout) and self._fault(OBSTACLES):
+            return self._wait(t, ERROR, self._fault(OBSTACLES))
         if self.scan is None:
             return self._wait(t, WARN, "waiting for obstacles")
         stamp = self.scan[0]
