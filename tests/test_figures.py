@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from antway import BadParameter, Grid, Plan, Problem, Status, load_map, plan, smooth
+from antway import BadParameter, Grid, Plan, Problem, Scenario, Status, World, load_map, plan, run, smooth
 from antway.ants.gridpath import explore
 from antway.ants.tsp import Tsp, solve_tsp
 from antway.arena.store import Row
@@ -23,7 +23,9 @@ from antway.view import charts, colonies, diagrams, drives, figures
 from antway.view.animation import CAPTION, LEGEND, write_animation
 from antway.view.replay import write_replay
 from antway.view.style import BLUE, RED, TEAL
+from antway.world.motions import Line
 from antway.world.robots import load_robot
+from antway.world.world import Obstacle
 from sample import sample_trace
 
 TRACE = sample_trace(150, 3)
@@ -107,6 +109,15 @@ def test_figures_are_titled_and_name_their_units(name: str) -> None:
     """Each figure has a title, and axes that carry numbers say of what and in which unit."""
     axes = FIGURES[name].axes[0]
     assert axes.get_title(loc="left") and "(" in axes.get_ylabel()
+
+
+def test_obstacles_side_by_side_both_have_their_numbers() -> None:
+    """Where two numbers above would overlap, the second stands below."""
+    discs = tuple(Obstacle(0.3, Line((x, 5.0), (x, 5.0), 0.0)) for x in (5.0, 5.4))
+    scenario = Scenario(World(Grid(np.zeros((20, 20), bool)), discs), (1.0, 1.0), (18.0, 18.0))
+    axes = figures.moment_figure(run(scenario, "follow", horizon=0.2).trace, 1, title="Two").axes[0]
+    above, below = (text.get_position()[1] for text in axes.texts)
+    assert above > 5.0 > below and [text.get_text() for text in axes.texts] == ["0", "1"]
 
 
 def test_the_drawing_leaves_matplotlib_as_it_was(tmp_path: Path) -> None:

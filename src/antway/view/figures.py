@@ -322,14 +322,16 @@ def _band(a: NDArray[np.float64], b: NDArray[np.float64], radius: float) -> NDAr
 
 
 def _draw_numbers(axes: Axes, trace: Trace, step: int) -> None:
-    """Write each obstacle's number beside it; where numbers would overlap, only the first."""
+    """Write each obstacle's number above it, or below; where numbers would overlap in both places, only the first."""
     fig = axes.get_figure(root=True)
     assert fig is not None
     inches = axes.get_position().width * fig.get_figwidth()
     apart, kept = 0.14 / inches * float(np.ptp(axes.get_xlim())), np.empty((0, 2))  # the space of a number is in inches
+    up = np.array([0.0, -1.0 if trace.task.grid.top_first else 1.0])
     for k, place in enumerate(trace.obstacle_xy[step]):
-        at = place + np.array([0.0, -trace.obstacle_radius[k] if trace.task.grid.top_first else trace.obstacle_radius[k]])
-        if (np.abs(kept - at) > apart).any(axis=1).all():
+        places = place + up * trace.obstacle_radius[k], place - up * (trace.obstacle_radius[k] + apart)
+        at = next((one for one in places if (np.abs(kept - one) > apart).any(axis=1).all()), None)
+        if at is not None:
             kept = np.vstack((kept, at))
             look: dict[str, Any] = {"color": style.RED, "fontsize": 7.5, "fontweight": "bold", "zorder": 7, "clip_on": True}
             axes.text(at[0], at[1], str(trace.obstacle_id[k]), ha="center", va="bottom", path_effects=style.casing(0.0), **look)
