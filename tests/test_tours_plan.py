@@ -188,7 +188,7 @@ BROKEN: dict[str, Callable[[TourPlan], TourPlan]] = {
     "a wrong cost": lambda t: replace(t, cost=t.cost - 1e-3),
     "a bound above the cost": lambda t: replace(t, bound=t.cost * 1.01),
     "a wrong gap": lambda t: replace(t, gap=-5.0),
-    "lateness hidden": lambda t: replace(t, task=replace(t.task, windows=t.task.windows * [1.0, 1e-3])),
+    "lateness hidden": lambda t: replace(t, task=replace(t.task, windows=t.task.windows * 1e-3)),
     "a deadline missed": lambda t: replace(t, task=replace(t.task, deadline=t.duration / 2)),
     "a robot without a route": lambda t: replace(t, task=replace(t.task, robots=2)),
     "another start": lambda t: replace(t, task=replace(t.task, start=tuple(t.task.stops[0]))),

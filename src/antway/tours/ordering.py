@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from antway.planning import Budget
 from antway.tours.bounds import lower_bound, quick_bound, worth_bound
 from antway.tours.fleet import best_routes
 from antway.tours.single import best_order
-from antway.tours.stops import Floats, Order, Stops, checked
+from antway.tours.stops import Floats, Order, Stops
 from antway.tours.untimed import FEW, improved_order, is_untimed, shortest_order
 
 _QUICK = 0.2  # s; with less time, an earlier answer is only improved by local search
@@ -122,7 +122,8 @@ def order_stops(
     >>> order_stops(away, end="start", cycles=10).cost
     6.0
     """
-    stops = checked(matrix, start, end, windows, service, priorities, deadline, robots, objective)
+    asked: Any = matrix, start, end, windows, service, priorities, deadline, robots, objective
+    stops = Stops(*asked)
     checks.seed(seed)
     known, learned = _initial(stops, initial)
     budget = Budget(seconds=1.0 if seconds is None and cycles is None else seconds, cycles=cycles)

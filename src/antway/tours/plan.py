@@ -20,7 +20,7 @@ from antway.planning import Plan, Problem, solve
 from antway.search.astar import astar
 from antway.tours.distances import stop_distances
 from antway.tours.ordering import Ordering, order_stops
-from antway.tours.task import Floats, TourTask, tour_task
+from antway.tours.task import Floats, TourTask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,23 +203,9 @@ def plan_tour(
     ([1, 2, 0], [3.0, 6.0, 8.0], 8.0)
     """
     began = time.perf_counter()
-    task = tour_task(
-        grid,
-        start,
-        stops,
-        names=names,
-        end=end,
-        windows=windows,
-        service=service,
-        priorities=priorities,
-        deadline=deadline,
-        robots=robots,
-        objective=objective,
-        speed=speed,
-        robot_radius=robot_radius,
-        moves=moves,
-        costs=costs,
-    )
+    asked: Any = grid, start, stops, names, end, windows, service, priorities, deadline, robots, objective
+    driven: Any = speed, robot_radius, moves, costs
+    task = TourTask(*asked, *driven)
     free, cells = task.places()
     away = stop_distances(free, cells, moves, costs=costs) / task.speed
     _check_connected(task, away)

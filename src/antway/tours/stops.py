@@ -19,7 +19,7 @@ Order = NDArray[np.int32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stops:
-    """A checked task of `order_stops`; `end` is None for an open tour, `start` for a closed one."""
+    """A task of `order_stops`, whose arguments it checks; `end` is None for an open tour, `start` for a closed one."""
 
     matrix: Floats  # [n, n] travel time in s, infinite where there is no path
     start: int
@@ -30,6 +30,27 @@ class Stops:
     deadline: float  # s
     robots: int
     objective: str
+
+    def __post_init__(self) -> None:
+        matrix = checked_matrix(self.matrix, MAX_STOPS, "stops", finite=False)
+        n, end = len(matrix), self.end
+        start = checks.integer("start", self.start, low=0, high=n - 1)
+        if isinstance(end, str) and end == "start":
+            end = start
+        service = 0.0 if self.service is None else self.service
+        found = {
+            "matrix": matrix,
+            "start": start,
+            "end": None if end is None else checks.integer("end", end, low=0, high=n - 1),
+            "windows": checked_windows(self.windows, n),
+            "service": amounts("service", service, n),
+            "priorities": None if self.priorities is None else amounts("priorities", self.priorities, n),
+            "deadline": checks.number("deadline", self.deadline, low=0.0, infinite=True, unit="s"),
+            "robots": checks.integer("robots", self.robots, low=1, high=1_000),
+            "objective": checks.objective(self.objective),
+        }
+        for name, value in found.items():
+            object.__setattr__(self, name, value)
 
     @property
     def closed(self) -> bool:
@@ -72,41 +93,6 @@ class Stops:
     def travel(self, order: Order) -> float:
         """Return the sum of the travel times along `order`, in s."""
         return float(self.matrix[order[:-1], order[1:]].sum())
-
-
-def checked(
-    matrix: object,
-    start: object,
-    end: object,
-    windows: object,
-    service: object,
-    priorities: object,
-    deadline: object,
-    robots: object,
-    objective: object,
-) -> Stops:
-    """Return the arguments of `order_stops` as `Stops`, or raise a `BadInput` that names the stop."""
-    times = checked_matrix(matrix, MAX_STOPS, "stops", finite=False)
-    n = len(times)
-    first = checks.integer("start", start, low=0, high=n - 1)
-    if isinstance(end, str) and end == "start":
-        last: int | None = first
-    else:
-        last = None if end is None else checks.integer("end", end, low=0, high=n - 1)
-    opens = checked_windows(windows, n)
-    stays = amounts("service", 0.0 if service is None else service, n)
-    worth = None if priorities is None else amounts("priorities", priorities, n)
-    return Stops(
-        times,
-        first,
-        last,
-        opens,
-        stays,
-        worth,
-        checks.number("deadline", deadline, low=0.0, infinite=True, unit="s"),
-        checks.integer("robots", robots, low=1, high=1_000),
-        checks.objective(objective),
-    )
 
 
 def amounts(name: str, value: object, n: int) -> Floats:

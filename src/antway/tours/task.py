@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TourTask:
-    """A checked task of `plan_tour`; made by `tour_task`.
+    """A task of `plan_tour`; its arguments are those of `plan_tour`, which it checks.
 
     Attributes
     ----------
@@ -71,87 +71,60 @@ class TourTask:
     moves: Moves
     costs: Floats | None
 
+    def __post_init__(self) -> None:
+        grid = checks.instance("grid", self.grid, Grid)
+        checks.instance("moves", self.moves, Moves)
+        radius = checks.number("robot_radius", self.robot_radius, low=0.0, unit="m")
+        free = grid.inflate(radius)
+        origin = _point(self.start, "start")
+        listed = checks.sequence("stops", self.stops, "a sequence of points (x, y) in m")
+        if not listed:
+            raise BadParameter("stops", listed, "one stop or more")
+        if len(listed) > MAX_STOPS - 2:
+            raise TooLarge("stops", len(listed), f"at most {MAX_STOPS - 2} stops")
+        standing_cell("start", origin, grid, free, radius)
+        n = len(listed)
+        known = _names(self.names, n)
+        named = [f" ({name})" for name in known] if self.names is not None else [""] * n  # names of the stops in errors
+        first: dict[Cell, int] = {}
+        points: list[Point] = []
+        for i, place in enumerate(listed):
+            field = f"stops[{i}]{named[i]}"
+            points.append(_point(place, field))
+            k = first.setdefault(standing_cell(field, points[i], grid, free, radius), i)
+            if k != i:
+                raise BadParameter(field, points[i], f"a stop of its own; stops[{k}]{named[k]} is in the same cell")
+        end = self.end
+        if isinstance(end, str) and end != "start":
+            raise BadParameter("end", end, "a point (x, y) in m, start or None")
+        if end is not None and end != "start":
+            end = _point(end, "end")
+            standing_cell("end", end, grid, free, radius)
+        service = 0.0 if self.service is None else self.service
+        found = {
+            "start": origin,
+            "stops": checks.array("stops", points, (n, 2)),
+            "names": known,
+            "end": end,
+            "windows": _windows(self.windows, n, named),
+            "service": amounts("service", service, n),
+            "priorities": None if self.priorities is None else amounts("priorities", self.priorities, n),
+            "deadline": checks.number("deadline", self.deadline, low=0.0, infinite=True, unit="s"),
+            "robots": checks.integer("robots", self.robots, low=1, high=1_000),
+            "objective": checks.objective(self.objective),
+            "speed": checks.number("speed", self.speed, low=1e-6, high=1e6, unit="m/s"),
+            "robot_radius": radius,
+            "costs": None if self.costs is None else checked_costs(self.costs, grid),
+        }
+        for name, value in found.items():
+            object.__setattr__(self, name, value)
+
     def places(self) -> tuple[Grid, list[Cell]]:
         """Return the inflated grid and the cells of the start, of each stop, and of a separate end."""
         free = self.grid.inflate(self.robot_radius)
         points = [self.start, *((float(x), float(y)) for x, y in self.stops)]
         points += [self.end] if isinstance(self.end, tuple) else []
         return free, [free.cell_at(point) for point in points]
-
-
-def tour_task(
-    grid: Grid,
-    start: Iterable[float],
-    stops: ArrayLike | Sequence[Iterable[float]],
-    *,
-    names: Sequence[str] | None,
-    end: Iterable[float] | str | None,
-    windows: Sequence[Iterable[float] | None] | ArrayLike | None,
-    service: ArrayLike | None,
-    priorities: ArrayLike | None,
-    deadline: float,
-    robots: int,
-    objective: str,
-    speed: float,
-    robot_radius: float,
-    moves: Moves,
-    costs: ArrayLike | None,
-) -> TourTask:
-    """Check the arguments of `plan_tour`, and return them as a task.
-
-    Raises
-    ------
-    BadParameter, OutOfBounds, CellBlocked, TooLarge
-        Each names the stop.
-    """
-    checks.instance("grid", grid, Grid)
-    checks.instance("moves", moves, Moves)
-    robot_radius = checks.number("robot_radius", robot_radius, low=0.0, unit="m")
-    free = grid.inflate(robot_radius)
-    origin = _point(start, "start")
-    listed = checks.sequence("stops", stops, "a sequence of points (x, y) in m")
-    if not listed:
-        raise BadParameter("stops", listed, "one stop or more")
-    if len(listed) > MAX_STOPS - 2:
-        raise TooLarge("stops", len(listed), f"at most {MAX_STOPS - 2} stops")
-    standing_cell("start", origin, grid, free, robot_radius)
-    n = len(listed)
-    known = _names(names, n)
-    named = [f" ({name})" for name in known] if names is not None else [""] * n  # names of the stops in errors
-    first: dict[Cell, int] = {}
-    points: list[Point] = []
-    for i, place in enumerate(listed):
-        field = f"stops[{i}]{named[i]}"
-        points.append(_point(place, field))
-        k = first.setdefault(standing_cell(field, points[i], grid, free, robot_radius), i)
-        if k != i:
-            raise BadParameter(field, points[i], f"a stop of its own; stops[{k}]{named[k]} is in the same cell")
-    last: Point | Literal["start"] | None
-    if isinstance(end, str):
-        if end != "start":
-            raise BadParameter("end", end, "a point (x, y) in m, start or None")
-        last = "start"
-    else:
-        last = None if end is None else _point(end, "end")
-        if last is not None:
-            standing_cell("end", last, grid, free, robot_radius)
-    return TourTask(
-        grid,
-        origin,
-        checks.array("stops", points, (n, 2)),
-        known,
-        last,
-        _windows(windows, n, named),
-        amounts("service", 0.0 if service is None else service, n),
-        None if priorities is None else amounts("priorities", priorities, n),
-        checks.number("deadline", deadline, low=0.0, infinite=True, unit="s"),
-        checks.integer("robots", robots, low=1, high=1_000),
-        checks.objective(objective),
-        checks.number("speed", speed, low=1e-6, high=1e6, unit="m/s"),
-        robot_radius,
-        moves,
-        None if costs is None else checked_costs(costs, grid),
-    )
 
 
 def _point(value: Iterable[float], name: str) -> Point:
