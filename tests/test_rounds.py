@@ -21,8 +21,9 @@ from antway.world.policy import Tracks, make_policy
 from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import save_scenario
 from antway.world.standing import Sighting, StandingObstacles
-from antway.world.stops import Rounds, Stop, Turn, Visit, rounds_of
+from antway.world.stops import Rounds, Stop, Turn, Visit
 from antway.world.trace import Trace
+from antway.world.tracefile import _Reader
 from antway.world.world import Obstacle
 from common import cases
 
@@ -284,7 +285,8 @@ def test_a_stop_out_of_reach_is_the_fault_of_the_scenario() -> None:
 
 def test_a_record_of_rounds_that_is_none_is_refused() -> None:
     good = Rounds((Stop((1.0, 1.0), "a"),), (Visit(0, 1.0, 1.0, 2.0),), (Turn(0.0, (0,), "first"),)).record()
-    assert rounds_of(good).visits[0].arrival == 1.0
+    reader = _Reader("trace.json")
+    assert reader.rounds(good).visits[0].arrival == 1.0
     for wrong in (
         [],
         {},
@@ -293,7 +295,7 @@ def test_a_record_of_rounds_that_is_none_is_refused() -> None:
         {**good, "stops": [1]},
     ):
         with pytest.raises(BadInput):
-            rounds_of(wrong)
+            reader.rounds(wrong)
 
 
 def test_the_scene_rounds_has_twelve_stops_and_four_windows() -> None:

@@ -174,11 +174,7 @@ def _plan_record(path: Plan, grid: Grid, planner: str) -> dict[str, Any]:
     return {
         "status": path.status.value,
         "planner": planner,
-        "length": path.length,
-        "optimal": path.optimal,
-        "lower_bound": path.lower_bound,
-        "expanded": path.expanded,
-        "elapsed": path.elapsed,
+        **{name: getattr(path, name) for name in ("length", "optimal", "lower_bound", "expanded", "elapsed")},
         "cells": path.cells.tolist(),
         "xy": path.xy(grid).tolist(),
     }

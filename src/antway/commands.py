@@ -139,21 +139,10 @@ def tsptw_command(
         result = solve_tsptw(instance, objective=kind, seconds=seconds, seed=seed)
         check_tsptw(instance, result.order, result.cost, objective=kind, feasible=result.feasible)
     if json:
-        print_json(
-            {
-                "file": str(file),
-                "objective": kind,
-                "order": result.order.tolist(),
-                "cost": result.cost,
-                "feasible": result.feasible,
-                "lateness": result.lateness,
-                "conflict": list(result.conflict),
-                "proven": result.proven,
-                "bound": result.bound,
-                "cycles": result.cycles,
-                "seconds": result.elapsed,
-            }
-        )
+        record: dict[str, Any] = {"file": str(file), "objective": kind, "order": result.order.tolist()}
+        record |= {name: getattr(result, name) for name in ("cost", "feasible", "lateness", "conflict")}
+        record |= {name: getattr(result, name) for name in ("proven", "bound", "cycles")}
+        print_json({**record, "seconds": result.elapsed})
     else:
         known = ""
         if result.feasible:
@@ -208,11 +197,7 @@ def tsp_command(
     record = {
         "instance": instance.name,
         "cities": instance.size,
-        "length": tour.length,
-        "optimum": tour.optimum,
-        "gap": tour.gap,
-        "tours": tour.tours,
-        "elapsed": tour.elapsed,
+        **{name: getattr(tour, name) for name in ("length", "optimum", "gap", "tours", "elapsed")},
         "order": tour.order.tolist(),
     }
     if json:

@@ -52,14 +52,7 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
             "orders": len(rounds.turns),
             "order_ms_max": rounded(float(result.order_ms.max(initial=0.0))),
             "visits": [
-                {
-                    "stop": rounds.name(visit.stop),
-                    "arrival": visit.arrival,
-                    "start": visit.start,
-                    "end": visit.end,
-                    "late": rounds.lateness(visit),
-                }
-                for visit in rounds.visits
+                {**visit._asdict(), "stop": rounds.name(visit.stop), "late": rounds.lateness(visit)} for visit in rounds.visits
             ],
         }
     )
@@ -67,8 +60,7 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
         "outcome": result.outcome.value,
         "reason": result.reason,
         "reached": result.reached,
-        "time": round(result.time, 6),
-        "length": round(result.length, 6),
+        **{name: round(getattr(result, name), 6) for name in ("time", "length")},
         "shortest": rounded(shortest),
         "length_ratio": rounded(ratio),
         "waits": result.waits,

@@ -118,7 +118,7 @@ class Grid:
         blocked = _bool_array("blocked", self.blocked)
         set_ = object.__setattr__
         set_(self, "blocked", blocked)
-        set_(self, "resolution", checks.number("resolution", self.resolution, low=1e-6, high=1e6, unit="m per cell"))
+        checks.fields(self, "resolution", low=1e-6, high=1e6, unit="m per cell")
         x, y, yaw = checks.point("origin", self.origin, size=3)
         for name, value in (("origin[0]", x), ("origin[1]", y)):
             checks.number(name, value, low=-1e9, high=1e9, unit="m")

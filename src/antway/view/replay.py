@@ -72,8 +72,7 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
     decisions = [_decision(step, decision, box, masks, heaps) for step, decision in trace.decisions]
     return {
         "version": __version__,
-        "scenario": trace.scenario,
-        "policy": trace.policy,
+        **{name: getattr(trace, name) for name in ("scenario", "policy")},
         "seed": str(trace.seed),
         "outcome": trace.outcome.value,
         "reason": trace.reason,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from bisect import bisect_left
 from collections.abc import Iterable
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 
 from antway.policies.paper.tubes import Tubes
 from antway.view.packing import faint_scale, rounded, to_base64
-from antway.web.inside import Look, edges, look_inside
 from antway.world.ants import ShowsAnts
 from antway.world.episode import Episode
 from antway.world.policy import Command, Decision, Observation, Policy, Task
@@ -73,6 +73,15 @@ class Moment(NamedTuple):
     order: tuple[int, ...]
 
 
+class Look(NamedTuple):
+    """The next control cycle, with at most `cycles` ant cycles."""
+
+    cycles: int
+    done: bool  # whether the ants finished by themselves, so that the control cycle will have the same result
+    decision: Decision
+    policy: Policy  # a copy of the policy after this
+
+
 class View:
     """A policy at work, and what of it was sent to the page."""
 
@@ -118,9 +127,14 @@ class View:
         """Run one more ant cycle of the next control cycle on a copy; tell whether there was one."""
         if self.episode.outcome is not None or (self.look is not None and self.look.done):
             return False
+        if not isinstance(self.watched.policy, ShowsAnts):
+            self.idle = "This policy has no ants."
+            return False
         cycles = 1 if self.look is None else self.look.cycles + 1
-        look = look_inside(self.episode, self.watched.policy, cycles)
-        self.look, self.idle = (None, look) if isinstance(look, str) else (look, "")
+        shared = (self.episode.scenario, self.episode.stage.task, self.episode.stage.timeline)  # constant: they need no copies
+        trial, ants = copy.deepcopy((self.episode, self.watched.policy), {id(thing): thing for thing in shared})
+        step = ants.step_ants(cycles, trial.step)
+        self.look, self.idle = (None, step.idle) if step.idle else (Look(cycles, step.done, step.decision, ants), "")
         return self.look is not None
 
     def frame(self, views: int, at: int) -> Message:
@@ -191,6 +205,18 @@ class View:
             wide, faster = (_QUANTILE * math.sqrt(max(variance, 0.0)) for variance in variances)
             result.append([short(body + wide), short(_GROWTH + faster), short_rows(path)])
         return result
+
+
+def edges(policy: Policy, most: int) -> NDArray[np.float64]:
+    """Return the strongest trails of a policy's ants, float64[n, 5]: both ends (x, y, x, y) in m, and relative strength."""
+    if not isinstance(policy, ShowsAnts):
+        return np.empty((0, 5))
+    here, there, amount = policy.trails()
+    if not len(amount):
+        return np.empty((0, 5))
+    best = np.argsort(-amount, kind="stable")[:most]
+    best = best[amount[best] > 0.05 * amount[best[0]]]
+    return np.column_stack((here[best], there[best], amount[best] / amount[best[0]]))
 
 
 def _decision(decision: Decision, views: int) -> Message:

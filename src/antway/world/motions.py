@@ -188,8 +188,7 @@ class Replay:
         with np.errstate(divide="ignore", over="ignore"):
             speeds = np.hypot(*np.diff(np.array(self.points), axis=0).T) / np.diff(t)
         checks.number("points", float(speeds.max(initial=0.0)), high=MAX_SPEED, infinite=True, unit="m/s between two of them")
-        starts = checks.number("record_start", self.record_start, low=-MAX_TIME, high=MAX_TIME, unit="s")
-        object.__setattr__(self, "record_start", starts)
+        checks.fields(self, "record_start", low=-MAX_TIME, high=MAX_TIME, unit="s")
         object.__setattr__(self, "t", tuple(t.tolist()))
         object.__setattr__(self, "arrays", (t, np.array(self.points)))
 

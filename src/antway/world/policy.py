@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
@@ -25,6 +25,7 @@ from antway.world.robots import towards
 from antway.world.timeline import Timeline
 
 XY = tuple[float, float]  # m, or m/s
+BOUNDS = ("goal_tolerance", "obstacle_speed", "obstacle_surge", "obstacle_swerve")  # of a task, in scenarios and traces too
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,16 +90,10 @@ class Task:
                 self.grid.cell_at(getattr(self, name))
             except OutOfBounds as error:
                 raise error.at("", name) from None
-        for name, high, unit in (
-            ("goal_tolerance", MAX_PLACE, "m"),
-            ("obstacle_speed", MAX_SPEED, "m/s"),
-            ("obstacle_surge", math.inf, "m/s^2"),
-            ("obstacle_swerve", math.inf, "m/s^2"),
-            ("stay", MAX_STAY, "s"),
-        ):
-            above, infinite = name == "goal_tolerance", high == math.inf
-            value = checks.number(name, getattr(self, name), low=0.0, high=high, open_low=above, infinite=infinite, unit=unit)
-            object.__setattr__(self, name, value)
+        checks.fields(self, "goal_tolerance", low=0.0, high=MAX_PLACE, open_low=True, unit="m")
+        checks.fields(self, "obstacle_speed", low=0.0, high=MAX_SPEED, unit="m/s")
+        checks.fields(self, "obstacle_surge", "obstacle_swerve", low=0.0, infinite=True, unit="m/s^2")
+        checks.fields(self, "stay", low=0.0, high=MAX_STAY, unit="s")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -365,8 +360,8 @@ class Decision:
     gap: float = math.nan
     guard: str = ""
     pheromone: tuple[int, int, NDArray[np.float32]] | None = None
-    history: NDArray[np.float64] | None = field(default=None)
-    predicted: NDArray[np.float32] | None = field(default=None)
+    history: NDArray[np.float64] | None = None
+    predicted: NDArray[np.float32] | None = None
 
     def weighed(self) -> list[tuple[str, str]]:
         """Return the alternatives in words, as tables and pages show them: the name, and the cost."""

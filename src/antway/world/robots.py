@@ -211,6 +211,11 @@ def convex_footprint(field: str, value: object) -> tuple[tuple[float, float], ..
     return tuple((float(x), float(y)) for x, y in ordered)
 
 
+def _box(back: float, front: float, side: float) -> tuple[tuple[float, float], ...]:
+    """Return the footprint from `back` to `front` of the centre of rotation, and `side` to each side, m."""
+    return (back, -side), (front, -side), (front, side), (back, side)
+
+
 # name: (the specification, where its numbers come from)
 ROBOTS: dict[str, tuple[RobotSpec, str]] = {
     "holonomic": (RobotSpec(), "a disc of 0.3 m that drives in any direction at once: the robot of antway's first suites"),
@@ -226,7 +231,7 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
             a_max=2.5,
             turn_rate=2.75,
             alpha_max=3.2,
-            footprint=((-0.105, -0.105), (0.041, -0.105), (0.041, 0.105), (-0.105, 0.105)),
+            footprint=_box(-0.105, 0.041, 0.105),
             sensor_range=3.5,
             drive="differential",
         ),
@@ -239,7 +244,7 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
             a_max=2.5,
             turn_rate=1.82,
             alpha_max=3.2,
-            footprint=((-0.205, -0.145), (0.077, -0.145), (0.077, 0.145), (-0.205, 0.145)),
+            footprint=_box(-0.205, 0.077, 0.145),
             sensor_range=3.5,
             drive="differential",
         ),
@@ -257,7 +262,7 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
             a_max=2.0,
             turn_rate=4.0,
             alpha_max=6.0,
-            footprint=((-0.254, -0.215), (0.254, -0.215), (0.254, 0.215), (-0.254, 0.215)),
+            footprint=_box(-0.254, 0.254, 0.215),
             sensor_range=8.0,
             drive="differential",
         ),
@@ -273,7 +278,7 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
             turn_rate=1.2,
             alpha_max=1.5,
             latency=0.1,
-            footprint=((-0.5, -0.35), (0.5, -0.35), (0.5, 0.35), (-0.5, 0.35)),
+            footprint=_box(-0.5, 0.5, 0.35),
             sensor_range=8.0,
             drive="differential",
         ),

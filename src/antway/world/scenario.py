@@ -24,7 +24,7 @@ from antway.tables import SHIPPED_SCENES, names
 from antway.world.line_of_sight import check_clear
 from antway.world.motions import MAX_KNOTS, MOTIONS, XY, Replay
 from antway.world.obstructed import refuse_through_walls
-from antway.world.policy import RobotSpec, Task
+from antway.world.policy import BOUNDS, RobotSpec, Task
 from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
 from antway.world.stops import Stop, checked_stops
@@ -99,14 +99,14 @@ class Scenario:
         set_ = object.__setattr__
         checks.instance("world", self.world, World)
         checks.instance("sensor", self.sensor, Sensor)
-        set_(self, "horizon", checks.number("horizon", self.horizon, low=0.0, high=MAX_TIME, open_low=True, unit="s"))
+        checks.fields(self, "horizon", low=0.0, high=MAX_TIME, open_low=True, unit="s")
         set_(self, "seed", checks.seed(self.seed))
         for text in ("name", "map"):
             checks.instance(text, getattr(self, text), str)
         ends = (self.start, self.goal, self.goal_tolerance)
         task = Task(self.world.grid, self.robot, *ends, self.obstacle_speed, self.obstacle_surge, self.obstacle_swerve)
         set_(self, "task", task)
-        for name in ("goal_tolerance", "obstacle_speed", "obstacle_surge", "obstacle_swerve"):
+        for name in BOUNDS:
             set_(self, name, getattr(task, name))
         if self.horizon / self.robot.dt > MAX_STEPS:
             raise TooLarge("horizon", self.horizon, f"at most {MAX_STEPS} control periods")
@@ -129,19 +129,7 @@ class Scenario:
         return replace(self, robot=robot, horizon=self.horizon * max(self.robot.v_max / robot.v_max, 1.0))
 
 
-_PLAIN = (
-    "name",
-    "map",
-    "start",
-    "goal",
-    "goal_tolerance",
-    "obstacle_speed",
-    "obstacle_surge",
-    "obstacle_swerve",
-    "horizon",
-    "seed",
-    "through_walls",
-)
+_PLAIN = ("name", "map", "start", "goal", *BOUNDS, "horizon", "seed", "through_walls")
 _TOP = (*_PLAIN, "resolution", "occupied", "robot", "sensor", "obstacles", "stops")
 
 

@@ -57,13 +57,13 @@ class Sensor:
     agility: float = 1.0
 
     def __post_init__(self) -> None:
-        most = {"period": MAX_TIME, "latency": MAX_TIME, "noise": MAX_PLACE, "velocity_noise": MAX_SPEED}
-        for name, unit in (("period", "s"), ("latency", "s"), ("noise", "m"), ("velocity_noise", "m/s")):
-            object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0, high=most[name], unit=unit))
+        checks.fields(self, "period", "latency", low=0.0, high=MAX_TIME, unit="s")
+        checks.fields(self, "noise", low=0.0, high=MAX_PLACE, unit="m")
+        checks.fields(self, "velocity_noise", low=0.0, high=MAX_SPEED, unit="m/s")
         if 0.0 < self.period < MIN_PERIOD:
             raise BadParameter("period", self.period, f"0 (each control cycle), or at least {MIN_PERIOD:g} (s)")
-        object.__setattr__(self, "dropout", checks.number("dropout", self.dropout, low=0.0, high=1.0))
-        object.__setattr__(self, "agility", checks.number("agility", self.agility, low=0.0, open_low=True, unit="m/s^2"))
+        checks.fields(self, "dropout", low=0.0, high=1.0)
+        checks.fields(self, "agility", low=0.0, open_low=True, unit="m/s^2")
         checks.choice("velocity", self.velocity, ("exact", "estimated", "none"))
         if not isinstance(self.occlusion, bool):
             raise BadParameter("occlusion", self.occlusion, "true or false")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -36,11 +35,10 @@ class Stop:
     service: float = 0.0
 
     def __post_init__(self) -> None:
-        set_ = object.__setattr__
-        set_(self, "at", checks.point("at", self.at))
+        object.__setattr__(self, "at", checks.point("at", self.at))
         checks.instance("name", self.name, str)
-        set_(self, "window", checks.window("window", self.window))
-        set_(self, "service", checks.number("service", self.service, low=0.0, high=1e9, unit="s"))
+        object.__setattr__(self, "window", checks.window("window", self.window))
+        checks.fields(self, "service", low=0.0, high=1e9, unit="s")
 
 
 def checked_stops(stops: object, task: Task) -> tuple[Stop, ...]:
@@ -130,37 +128,3 @@ class Rounds:
             "visits": [list(visit) for visit in self.visits],
             "turns": [[turn.t, list(turn.order), turn.reason] for turn in self.turns],
         }
-
-
-def rounds_of(record: object, where: str = "") -> Rounds:
-    """Return the rounds from a record of `Rounds.record`; a `BadParameter` names what is wrong."""
-
-    def listed(field: str, value: object, parts: int | None = None) -> list[Any]:
-        if not isinstance(value, list) or (parts is not None and len(value) != parts):
-            raise BadParameter(field, value, "a list" if parts is None else f"a list of {parts}", where=where)
-        return value
-
-    def table(field: str, value: object, keys: Sequence[str]) -> dict[str, Any]:
-        if not isinstance(value, dict) or any(key not in value for key in keys):
-            raise BadParameter(field, value, f"a table of {', '.join(keys)}", where=where)
-        return value
-
-    parts = table("rounds", record, ("stops", "visits", "turns"))
-    stops = []
-    for k, one in enumerate(listed("rounds.stops", parts["stops"])):
-        stop = table(f"rounds.stops[{k}]", one, ("name", "at", "window", "service"))
-        early, late = listed(f"rounds.stops[{k}].window", stop["window"], 2)
-        stops.append(Stop(stop["at"], stop["name"], (early, math.inf if late is None else late), stop["service"]))
-    visits = []
-    for k, one in enumerate(listed("rounds.visits", parts["visits"])):
-        field = f"rounds.visits[{k}]"
-        stop, *times = listed(field, one, 4)
-        number = checks.integer(field, stop, low=0, high=len(stops) - 1, where=where)
-        visits.append(Visit(number, *(checks.number(field, time, where=where) for time in times)))
-    turns = []
-    for k, one in enumerate(listed("rounds.turns", parts["turns"])):
-        field = f"rounds.turns[{k}]"
-        t, order, reason = listed(field, one, 3)
-        numbers = [checks.integer(field, i, low=0, high=len(stops) - 1, where=where) for i in listed(field, order)]
-        turns.append(Turn(checks.number(field, t, where=where), tuple(numbers), checks.instance(field, reason, str)))
-    return Rounds(tuple(stops), tuple(visits), tuple(turns))

@@ -20,8 +20,8 @@ from antway.grid import Grid
 from antway.limits import MAX_DEPTH, MAX_LISTS, MAX_PLACE
 from antway.planning import TimedPath
 from antway.reading import Unpacked, check_nesting, read_text
-from antway.world.policy import Decision, RobotSpec, Task
-from antway.world.stops import rounds_of
+from antway.world.policy import BOUNDS, Decision, RobotSpec, Task
+from antway.world.stops import Rounds, Stop, Turn, Visit
 from antway.world.timeline import COLUMNS, Timeline
 
 if TYPE_CHECKING:
@@ -48,9 +48,7 @@ def to_json(trace: Trace, *, timing: bool = False) -> str:
     record = {
         "format": FORMAT,
         "version": VERSION,
-        "policy": trace.policy,
-        "scenario": trace.scenario,
-        "seed": trace.seed,
+        **{name: getattr(trace, name) for name in ("policy", "scenario", "seed")},
         "outcome": trace.outcome.value,
         "reason": trace.reason,
         "config": dict(trace.config),
@@ -65,9 +63,7 @@ def to_json(trace: Trace, *, timing: bool = False) -> str:
             "robot": {name: getattr(task.robot, name) for name in _ROBOT} | _dynamics(task.robot),
             "start": list(task.start),
             "goal": list(task.goal),
-            "goal_tolerance": task.goal_tolerance,
-            "obstacle_speed": task.obstacle_speed,
-            "obstacle_surge": task.obstacle_surge,
+            **{name: getattr(task, name) for name in BOUNDS[:3]},
             **({} if math.isinf(task.obstacle_swerve) else {"obstacle_swerve": task.obstacle_swerve}),
         },
         **{name: getattr(trace, name).tolist() for name in _ARRAYS},
@@ -168,8 +164,7 @@ class _Reader:
         if sensed.shape != (rows, len(timeline)):
             raise self.bad("sensed.shape", sensed.shape, str((rows, len(timeline))))
         cycle_ms = self.floats("cycle_ms", top.get("cycle_ms", [0.0] * (rows - 1)), (rows - 1,))
-        if not isinstance(top["decisions"], list):
-            raise self.bad("decisions", top["decisions"], "a list")
+        decisions = self.listed("decisions", top["decisions"])
         return dict(
             task=self.task(top["task"], "turn_rate" in top),
             policy=self.text("policy", top["policy"]),
@@ -177,14 +172,37 @@ class _Reader:
             scenario=self.text("scenario", top["scenario"]),
             timeline=timeline,
             sensed=sensed,
-            decisions=tuple(self.decision(f"decisions[{i}]", one, rows) for i, one in enumerate(top["decisions"])),
+            decisions=tuple(self.decision(f"decisions[{i}]", one, rows) for i, one in enumerate(decisions)),
             cycle_ms=cycle_ms,
             outcome=self.text("outcome", top["outcome"]),
             reason=self.text("reason", top["reason"]),
             config=self.config(top["config"]),
-            rounds=None if top.get("rounds") is None else rounds_of(top["rounds"], self.where),
+            rounds=None if top.get("rounds") is None else self.rounds(top["rounds"]),
             **arrays,
         )
+
+    def rounds(self, record: object) -> Rounds:
+        """Read how the stops were visited."""
+        parts, stops = self.table("rounds", record, "stops visits turns"), list[Stop]()
+        for k, one in enumerate(self.listed("rounds.stops", parts["stops"])):
+            stop = self.table(f"rounds.stops[{k}]", one, "at name window service")
+            early, late = self.listed(f"rounds.stops[{k}].window", stop["window"], 2)
+            stops.append(Stop(stop["at"], stop["name"], (early, math.inf if late is None else late), stop["service"]))
+
+        def number_of(field: str, stop: object) -> int:
+            return checks.integer(field, stop, low=0, high=len(stops) - 1, where=self.where)
+
+        visits, turns = list[Visit](), list[Turn]()
+        for k, one in enumerate(self.listed("rounds.visits", parts["visits"])):
+            field = f"rounds.visits[{k}]"
+            stop, *times = self.listed(field, one, 4)
+            visits.append(Visit(number_of(field, stop), *(checks.number(field, time, where=self.where) for time in times)))
+        for k, one in enumerate(self.listed("rounds.turns", parts["turns"])):
+            field = f"rounds.turns[{k}]"
+            t, order, reason = self.listed(field, one, 3)
+            numbers = tuple(number_of(field, stop) for stop in self.listed(field, order))
+            turns.append(Turn(checks.number(field, t, where=self.where), numbers, self.text(field, reason)))
+        return Rounds(tuple(stops), tuple(visits), tuple(turns))
 
     def config(self, record: object) -> Mapping[str, Any]:
         """Read how the episode was set up; entries that are used elsewhere must have the right type."""
@@ -219,10 +237,7 @@ class _Reader:
                 robot=RobotSpec(**values),
                 start=parts["start"],
                 goal=parts["goal"],
-                goal_tolerance=self.real("task.goal_tolerance", parts["goal_tolerance"]),
-                obstacle_speed=self.real("task.obstacle_speed", parts["obstacle_speed"]),
-                obstacle_surge=self.real("task.obstacle_surge", parts["obstacle_surge"]),
-                obstacle_swerve=self.real("task.obstacle_swerve", parts.get("obstacle_swerve", "inf")),
+                **{name: self.real(f"task.{name}", parts.get(name, "inf")) for name in BOUNDS},
             )
         except BadInput as error:
             raise error if error.where else error.at(self.where, f"task.{error.field}") from None
@@ -306,6 +321,11 @@ class _Reader:
         for key in keys.split():
             if key not in value:
                 raise self.bad(f"{name}.{key}", None, "present")
+        return value
+
+    def listed(self, name: str, value: object, size: int | None = None) -> list[Any]:
+        if not isinstance(value, list) or (size is not None and len(value) != size):
+            raise self.bad(name, value, "a list" if size is None else f"a list of {size}")
         return value
 
     def text(self, name: str, value: object) -> str:

@@ -22,9 +22,7 @@ class Obstacle:
     motion: Motion
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "radius", checks.number("radius", self.radius, low=0.0, high=MAX_PLACE, open_low=True, unit="m")
-        )
+        checks.fields(self, "radius", low=0.0, high=MAX_PLACE, open_low=True, unit="m")
         if isinstance(self.motion, type) or not callable(getattr(self.motion, "trajectory", None)):
             raise BadParameter("motion", self.motion, f"a motion: {', '.join(kind.__name__ for kind in MOTIONS.values())}")
 
