@@ -14,6 +14,7 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from antway.arena.engines import Job, bench, table_jobs
@@ -23,7 +24,7 @@ from antway.arena.summary import paired
 from antway.baselines.replan import Follow
 from antway.cli import main
 from antway.errors import BadParameter, BadResults
-from antway.world.policy import make_policy
+from antway.world.policy import Command, make_policy
 from common import SCALE, cases
 
 POLICIES = ["follow", "sipp/predictions=mirrored"]
@@ -52,6 +53,15 @@ class Counts(Follow):
         super().reset(task, seed)
         with open(os.environ["EPISODES_BEGUN"], "a") as file:
             file.write(f"{seed}\n")
+
+
+class Draws(Follow):
+    """Draws from the global random states."""
+
+    def act(self, observation):
+        vx, vy = super().act(observation).velocity
+        share = random.random() * np.random.random()  # noqa: NPY002
+        return Command((vx * share, vy * share))
 
 
 class Prints(Follow):
@@ -218,6 +228,15 @@ def test_wrong_input_is_refused(tmp_path, monkeypatch, capsys, change, printed):
         main()
     shown = capsys.readouterr()
     assert ended.value.code == 2 and printed in shown.err and not shown.out and not (tmp_path / "x" / "results.csv").exists()
+
+
+def test_policies_of_others_repeat_themselves(tmp_path):
+    """A policy that draws from global random state does the same whatever its process played before."""
+    two = [Job(one, "test_bench:Draws") for one in episodes("synthetic", 1)[:2]]
+    for number, jobs in enumerate((two, two[::-1])):
+        with Results(tmp_path / f"{number}.db") as results:
+            bench(jobs, results)
+    assert same(tmp_path / "0.db") == same(tmp_path / "1.db")
 
 
 def test_what_policies_print_is_not_in_the_answer(tmp_path):

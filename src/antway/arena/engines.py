@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import multiprocessing
 import os
+import random
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -15,6 +16,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, cast
 
+import numpy as np
 from numba.core import event
 
 from antway import checks
@@ -241,6 +243,9 @@ class _Compiled(event.Listener):
 
 
 def _safely(job: Job) -> Answer:
+    """Play an episode in a process of its own, where policies that draw from global random state repeat themselves, too."""
+    random.seed(job.episode.seed)
+    np.random.seed(job.episode.seed % 2**32)  # noqa: NPY002 - what such policies use
     try:
         return play(job)
     except (Exception, SystemExit) as error:  # an episode that cannot start gets a row, too
