@@ -17,7 +17,8 @@ from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, t
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
 from antway.kernels.tracking import kalman as track
-from antway.kernels.tracking.predict import NO_PREDICTIONS, RADIUS, TubeMargins, predict
+from antway.kernels.tracking.predict import NAME, NO_PREDICTIONS, RADIUS, TubeMargins, predict
+from antway.kernels.tracking.table import make_table
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.state import fit_tables, make_trails
 from antway.search.sipp import Sipp
@@ -178,7 +179,7 @@ def test_motions_keep_clear_of_everything() -> None:
             continue
         raw, short = np.empty((600, 3)), np.empty((600, 3))
         n = trace_back(memory, context, Predictions(segments, 0.0), x, y, end, 20.0, 30.0, raw)
-        m = shorten(context, Predictions(segments, 0.0), raw, n, short)
+        m = shorten(context, Predictions(segments, 0.0), raw[:n], short)
         assert raw[n - 1, 0] <= arrival + 1e-9 and short[m - 1, 0] <= raw[n - 1, 0] + 1e-9
         shorter += short[m - 1, 0] < raw[n - 1, 0] - 1e-6
         for knots in (raw[:n], short[:m]):
@@ -209,7 +210,7 @@ def test_place_at_is_linear_between_knots() -> None:
     """The place on a motion is interpolated, and held before and after."""
     knots = np.array([[1.0, 0.0, 0.0], [2.0, 1.0, 0.0], [3.0, 1.0, 0.0], [4.0, 1.0, 2.0]])
     for t in (0.0, 1.0, 1.5, 2.5, 3.75, 9.0):
-        x, y, _ = place_at(knots, 4, t)
+        x, y, _ = place_at(knots, t)
         assert (x, y) == (np.interp(t, knots[:, 0], knots[:, 1]), np.interp(t, knots[:, 0], knots[:, 2]))
 
 
@@ -239,7 +240,7 @@ def test_predictions_are_mirrored_as_the_world_mirrors() -> None:
 def test_filter_is_the_textbook_one() -> None:
     """Without velocities the tracker equals a Kalman filter with matrices to 1e-12, for each axis."""
     rng = np.random.default_rng(9)
-    table, estimates, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0
+    table, estimates = make_table(8, track.COLUMNS, NAME), np.zeros((8, 8))
     twins: list[naive.Kalman] = []
     nan = np.full((1, 2), math.nan)
     t, dt = 0.0, 0.0
@@ -247,7 +248,7 @@ def test_filter_is_the_textbook_one() -> None:
         xy = np.array([[t * 0.5, 1.0 - t * 0.2]]) + rng.normal(0.0, 0.05, (1, 2))
         variance = np.array([[0.0025, 0.0]])
         scan = np.array([3]), xy, nan, np.array([0.3]), variance
-        count, n, fastest, measured = track.update(table, count, t, *scan, 1.0, estimates)
+        n, fastest, measured = track.update(table, t, *scan, 1.0, estimates)
         if not twins:
             twins = [naive.Kalman(z, 0.0, 0.0025, 1.0) for z in xy[0]]
         else:
@@ -265,12 +266,12 @@ def test_filter_is_the_textbook_one() -> None:
 
 def test_who_turns_has_his_new_velocity_in_two_scans() -> None:
     """Of exact places alone the velocity is known at the second, and at the second after a turn between two scans."""
-    table, estimates, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0
+    table, estimates = make_table(8, track.COLUMNS, NAME), np.zeros((8, 8))
     nan, variance, at, off = np.full((1, 2), math.nan), np.zeros((1, 2)), np.array([1.0, 2.0]), []
     for i in range(12):
         velocity = np.array([0.9, 0.1] if i <= 6 else [-0.5, 0.6])
         scan = np.array([3]), at[None], nan, np.array([0.3]), variance
-        count, *_ = track.update(table, count, 0.1 * i, *scan, 1.0, estimates)
+        track.update(table, 0.1 * i, *scan, 1.0, estimates)
         off.append(float(np.hypot(*(estimates[0, 2:4] - velocity))))
         at = at + (0.06 * np.array([0.9, 0.1]) + 0.04 * np.array([-0.5, 0.6]) if i == 6 else 0.1 * velocity)
     assert estimates[0, 6] < track.UNKNOWN and max(off[1:7]) < 0.01 and off[7] > 0.3 and max(off[8:]) < 0.02
@@ -278,19 +279,19 @@ def test_who_turns_has_his_new_velocity_in_two_scans() -> None:
 
 def test_a_radius_grows_at_once_and_shrinks_slowly() -> None:
     """One that is measured with errors is seldom taken for less than it is; one that never changes stays as it is."""
-    table, estimates, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0
+    table, estimates = make_table(8, track.COLUMNS, NAME), np.zeros((8, 8))
     rng, variance, found = np.random.default_rng(5), np.zeros((2, 2)), []
     for i in range(200):
         xy, velocity = np.array([[0.1 * i, 0.0], [0.1 * i, 5.0]]), np.array([[1.0, 0.0], [1.0, 0.0]])
         radius = np.array([0.3, 0.3 * rng.uniform(0.8, 1.2)])
         scan = np.array([3, 4]), xy, velocity, radius, variance
-        count, *_ = track.update(table, count, 0.1 * i, *scan, 1.0, estimates)
+        track.update(table, 0.1 * i, *scan, 1.0, estimates)
         assert estimates[0, RADIUS] == 0.3 and estimates[1, RADIUS] >= radius[1]
         found.append(estimates[1, RADIUS])
     assert np.quantile(found[10:], 0.02) >= 0.3 and max(found) <= 0.36
     for i in range(200, 240):
         scan = np.array([4]), np.array([[0.1 * i, 5.0]]), np.array([[1.0, 0.0]]), np.array([0.2]), variance[:1]
-        count, *_ = track.update(table, count, 0.1 * i, *scan, 1.0, estimates)
+        track.update(table, 0.1 * i, *scan, 1.0, estimates)
     assert estimates[0, RADIUS] == pytest.approx(0.2, abs=0.01)
 
 
@@ -303,7 +304,7 @@ def test_trails_keep_within_their_limits() -> None:
         for _ in range(3):
             lay(trails, edge(trails, int(rng.integers(100)), int(rng.integers(32)), now + rng.uniform(0, 5)), 1.0)
         if cycle % 10 == 0:
-            evaporate(trails, now, 0.1, 0.9, float(cycle + 1))
+            evaporate(trails, now, float(cycle + 1))
             used = trails.key >= 0
             assert np.isfinite(trails.tau).all() and (trails.tau[used] > 0).all() and used.sum() < TRAILS // 2
             assert ((trails.key[used] // 6400 + 1) * trails.bin >= now).all()
@@ -364,7 +365,8 @@ def test_a_cycle_plans_keeps_and_gives_up() -> None:
                 policy.memory(), s.trails, s.context, s.terrain, s.settings, s.plan, s.crowd, estimates, now, 0.0, xy, s.rng
             )  # fmt: skip
 
-        vx, vy, what, arrival, bound = cycle(0.0, xy, estimates)
+        vx, vy, what = cycle(0.0, xy, estimates)
+        arrival, bound = s.plan.state[[crossing.ARRIVAL, crossing.BOUND]].tolist()
         if what == crossing.NONE:
             assert vx == vy == 0.0 and arrival == math.inf
             continue
@@ -383,5 +385,5 @@ def test_a_cycle_plans_keeps_and_gives_up() -> None:
             kept += 1
         assert cycle(0.2, xy, moved)[2] in (crossing.NEW, crossing.NONE), "the robot is not on its plan"
         boxed = np.column_stack((np.array([after]), np.zeros((1, 2)), [1.0], np.zeros((1, 2)), [99.0]))
-        assert cycle(0.3, after, boxed)[2:4] == (crossing.NONE, math.inf)
+        assert cycle(0.3, after, boxed)[2] == crossing.NONE and s.plan.state[crossing.ARRIVAL] == math.inf
     assert made > 0 and kept > 0

@@ -19,7 +19,7 @@ REASON = re.compile(r"#.*\b(lines|parameters)\b.*\b(because|so that|measured)\b"
 # ("tests", "bound", "moves", "place") cannot be told apart by their letters and are not here.
 FORBIDDEN = {
     *("way", "ways", "rival", "rivals", "room", "rooms", "piece", "pieces", "berth", "reach", "lag", "surge"),
-    *("usual", "belief", "belief", "beliefs", "book", "course", "courses", "commitment", "gain", "stray", "squad"),
+    *("usual", "belief", "beliefs", "book", "course", "courses", "commitment", "gain", "stray", "squad"),
     *("ground", "labour", "fade", "fades", "share", "shares", "heat", "regret", "flips", "stretch", "survival"),
     *("survive", "wave", "waves", "strip", "strips", "ladder", "climb", "lane", "lanes", "wish", "wishes", "told"),
     *("said", "patience", "desk", "errand", "begin", "begins", "begun", "who"),
@@ -28,8 +28,6 @@ FORBIDDEN = {
 ALLOWED = {
     "obstacle_surge": "a public option that the README shows",
     "gain": "what a move of 2-opt or a relaxation gains, the word of the literature",
-    "gain_p": "of a Kalman filter",
-    "gain_v": "of a Kalman filter",
     "share": "a part of a whole, in [0, 1]",
     "shares": "parts of a whole",
     "LINE_STRIP": "a name of ROS",
@@ -39,7 +37,6 @@ ALLOWED = {
     "web/server.py on_message_begin": "a name of httptools",
     "kernels/robot/guard.py reach": "as in kernels/robot/reach.py",
     "kernels/robot/guard.py within_reach": "as reach",
-    "kernels/robot/guard.py gap_to_reach": "as reach",
     "policies/guard.py _within_reach": "as reach",
     "gain_of": "as gain",
     "strip_figure": "a public name; a strip of pictures",

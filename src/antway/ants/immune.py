@@ -127,7 +127,7 @@ def scaled(numbers: Numbers, costs: NDArray[np.float64], factor: NDArray[np.floa
 
 def uniforms(seed: int, cycle: int) -> Draw:
     """Return a source of uniform numbers that depends only on the seed and the cycle."""
-    state = np.array([rng.stream(np.uint64(seed), np.uint64(2**63 + cycle))], dtype=np.uint64)
+    state = rng.make_state(seed, 2**63 + cycle)
     return lambda: float(rng.uniform(state))
 
 

@@ -15,7 +15,7 @@ import scipy
 
 from antway import checks
 from antway.errors import BadParameter, CellBlocked
-from antway.kernels.base.rng import below, stream, uniform
+from antway.kernels.base.rng import below, make_state, uniform
 from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
 from antway.search.sipp import Sipp
@@ -49,7 +49,7 @@ class Chance:
     """A stream of random choices from a seed."""
 
     def __init__(self, seed: int) -> None:
-        self.state = np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64)
+        self.state = make_state(seed, 0)
 
     def between(self, low: float, high: float) -> float:
         """Return a number drawn uniformly from [low, high)."""

@@ -11,7 +11,7 @@ from antway import checks
 from antway.baselines.replan import Follow, now
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import RobotState
-from antway.kernels.base.rng import stream
+from antway.kernels.base.rng import make_state
 from antway.kernels.baselines.mppi import Sampling, path_integral
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import ControlProblem, CostWeights
@@ -104,7 +104,7 @@ class Mppi(Follow):
         self.margins = Margins(self.margin, self.wished, 0.0, 0.0, 0.0, 0.0, 1.0)
         self.bounds = SpeedBounds(robot.v_max, 0.0, 0.0, 0.0)
         self.nominal = np.zeros((steps, 2))
-        self.random = np.array([stream(np.uint64(seed), np.uint64(2))], np.uint64)
+        self.random = make_state(seed, 2)
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""

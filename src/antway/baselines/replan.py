@@ -148,7 +148,7 @@ class Sipp(Follow):
             terrain = terrain_of(self.task.grid)
             seen = np.column_stack((o.tracks.xy, estimates[:, 2:]))  # not extrapolated: it may have turned back
             self.edges = self.edges and not crosses_edge(seen, terrain)
-            margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0, math.inf, edges=self.edges)
+            margins = TubeMargins(robot.radius, margin, edges=self.edges)
             return out[: predict(estimates, o.t, 0.0, horizon, *o.xy, margins, terrain, NO_PREDICTIONS, out)]
         contact_radius = contact_radii(o, xy, o.xy, robot, margin)
         if self.predictions == "frozen":

@@ -30,7 +30,6 @@ KEPT, NEW, NONE = range(3)  # what a cycle did with the plan
 # arrival in s, the number of predicted motion segments, and the time in s that was recently given up for additional clearance.
 KNOT_COUNT, ARRIVAL, PLANNED, NEXT_SEARCH, BOUND, SEGMENT_COUNT, DELAY_SPENT = range(7)
 _ON_PLAN = 0.02  # m; a robot that is farther from its place on the plan does not follow the plan any more
-_LEAST_PERSISTENCE, _GREATEST_PERSISTENCE = 0.1, 0.9  # 1; of the pheromone
 _DELAY_PER_ERROR = 2.0  # s^2/m; for additional clearance a plan may arrive later by this times the mean velocity error
 _LITTLE = 0.01  # s; additional clearance worth less than this is not searched for
 _FORGETS = 0.1  # 1; the time given up for clearance is forgotten at this rate, in s a second
@@ -142,11 +141,11 @@ def _with_less_clearance(predictions: Predictions, now: float) -> Predictions:
 @inner_kernel
 def _can_be_followed(c: _Cycle) -> bool:
     """Tell whether the robot is on the plan in use, and the plan leads to the goal or on until the horizon."""
-    n = int(c.plan.state[KNOT_COUNT])
-    end = c.plan.knots[n - 1, 0] if n > 0 else c.now
+    knots = c.plan.knots[: int(c.plan.state[KNOT_COUNT])]
+    end = knots[-1, 0] if len(knots) > 0 else c.now
     if end <= c.now + c.settings.dt or (end <= c.now + c.settings.horizon - 1e-6 and end <= c.plan.state[ARRIVAL] - 1e-6):
         return False
-    px, py, _ = place_at(c.plan.knots, n, c.now)
+    px, py, _ = place_at(knots, c.now)
     return bool(math.hypot(px - c.x, py - c.y) <= _ON_PLAN)
 
 
@@ -159,17 +158,17 @@ def _is_clear(c: _Cycle, predictions: Predictions) -> bool:
 @inner_kernel
 def _follow(c: _Cycle) -> tuple[float, float]:
     """Return the velocity (vx, vy) that brings the robot onto the plan within one control period."""
-    context, settings, knots, now, x, y = c.context, c.settings, c.plan.knots, c.now, c.x, c.y
-    n, dt = int(c.plan.state[KNOT_COUNT]), settings.dt
-    tx, ty, knot = place_at(knots, n, now + dt)
-    end, ex, ey = knots[n - 1, 0] - settings.colony.stay, knots[n - 1, 1], knots[n - 1, 2]
+    context, settings, knots, now, x, y = c.context, c.settings, c.plan.knots[: int(c.plan.state[KNOT_COUNT])], c.now, c.x, c.y
+    dt = settings.dt
+    tx, ty, knot = place_at(knots, now + dt)
+    end, ex, ey = knots[-1, 0] - settings.colony.stay, knots[-1, 1], knots[-1, 2]
     # The plan ends at the centre of the goal's cell. Go straight to the goal from there, or earlier if the centre is a detour.
     beyond = math.hypot(ex - settings.goal_x, ey - settings.goal_y)
     back = math.hypot(x - settings.goal_x, y - settings.goal_y) < beyond < 3.0 * context.resolution
     if end <= now + dt or (back and end <= now + dt + math.hypot(ex - x, ey - y) / context.speed):
         tx, ty = settings.goal_x, settings.goal_y
     if not clear(context, x, y, tx, ty):  # the chord would cut a corner at a wall, so go to the corner first
-        _, _, knot = place_at(knots, n, now)
+        _, _, knot = place_at(knots, now)
         tx, ty = knots[knot, 1], knots[knot, 2]
     vx, vy = (tx - x) / dt, (ty - y) / dt
     speed = math.hypot(vx, vy)
@@ -202,29 +201,28 @@ def _search(
     if settings.colony.distance_weight > 0.0:
         rest = context.field[memory.cell[end]]
         arrival -= memory.distance_cost[end] + settings.colony.distance_weight * context.speed * rest
-    n = shorten(context, predictions, memory.knots, m, plan.knots)
+    n = shorten(context, predictions, memory.knots[:m], plan.knots)
     plan.state[KNOT_COUNT], plan.state[ARRIVAL] = n, arrival - (traced_end - plan.knots[n - 1, 0])
     if settings.colony.stay > 0.0 and memory.cell[end] == context.goal and n < len(plan.knots):
         copy_row(plan.knots[n - 1], plan.knots[n])
         plan.knots[n, 0] += settings.colony.stay
         plan.state[KNOT_COUNT] += 1
     plan.state[PLANNED] += 1
-    evaporate(trails, c.now, _LEAST_PERSISTENCE, _GREATEST_PERSISTENCE, plan.state[PLANNED])
+    evaporate(trails, c.now, plan.state[PLANNED])
     return True
 
 
 @inner_kernel
 def _distance_cost(c: _Cycle) -> float:
     """Return the cost of the remaining distance of the plan in use to the goal, in addition to its time, s."""
-    plan, weight = c.plan, c.settings.colony.distance_weight
-    n = int(plan.state[KNOT_COUNT])
-    if weight == 0.0 or n == 0:
+    knots, weight = c.plan.knots[: int(c.plan.state[KNOT_COUNT])], c.settings.colony.distance_weight
+    if weight == 0.0 or len(knots) == 0:
         return 0.0
-    x, y, knot = place_at(plan.knots, n, c.now)
-    metres = max(plan.state[ARRIVAL] - plan.knots[n - 1, 0], 0.0) * c.context.speed
-    for i in range(knot, n):
-        metres += math.hypot(plan.knots[i, 1] - x, plan.knots[i, 2] - y)
-        x, y = plan.knots[i, 1], plan.knots[i, 2]
+    x, y, knot = place_at(knots, c.now)
+    metres = max(c.plan.state[ARRIVAL] - knots[-1, 0], 0.0) * c.context.speed
+    for i in range(knot, len(knots)):
+        metres += math.hypot(knots[i, 1] - x, knots[i, 2] - y)
+        x, y = knots[i, 1], knots[i, 2]
     return float(weight * metres)
 
 
@@ -287,10 +285,10 @@ def cycle(
     age: float,
     xy: tuple[float, float],
     state: State,
-) -> tuple[float, float, int, float, float]:
-    """Return (vx, vy, what the cycle did with the plan, the plan's arrival, a lower bound on any arrival).
+) -> tuple[float, float, int]:
+    """Return the velocity (vx, vy) that the robot is to take, m/s, and what the cycle did with the plan.
 
-    Arrivals are absolute times in s. The `estimates` are those of kernels/tracking/kalman.py, `age` s old.
+    The `estimates` are those of kernels/tracking/kalman.py, `age` s old.
     """
     s, n, scanned, most_delay = settings, len(estimates), now - age, 0.0
     averaged, velocity_error = crowd.averaged[:n], crowd.velocity_error[:n]
@@ -319,6 +317,6 @@ def cycle(
         what = _replan(memory, trails, c, predictions, valid, most_delay, state)
     if what == NONE:
         plan.state[KNOT_COUNT], plan.state[ARRIVAL] = 0, math.inf
-        return 0.0, 0.0, NONE, math.inf, plan.state[BOUND]
+        return 0.0, 0.0, NONE
     vx, vy = _follow(c)
-    return vx, vy, what, plan.state[ARRIVAL], plan.state[BOUND]
+    return vx, vy, what

@@ -104,12 +104,12 @@ def sidestep(
     places = np.empty((STEPS + 1, 2))
     px, py = x, y
     if n > 0:
-        px, py, _ = place_at(knots, n, now)
+        px, py, _ = place_at(knots, now)
     for i in range(STEPS + 1):
         t = i * ahead / STEPS
         places[i, 0], places[i, 1] = x + cx * t, y + cy * t
         if n > 0:
-            qx, qy, _ = place_at(knots, n, now + t)
+            qx, qy, _ = place_at(knots, now + t)
             places[i, 0], places[i, 1] = qx + x - px, qy + y - py
     best = chance_of_contact(places, (0.0, 0.0), estimates, age, context.radius, math.inf, ahead, hold)
     if best < _NEVER:

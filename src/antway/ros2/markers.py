@@ -72,7 +72,7 @@ def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.f
     list of float64[M, 3]
         t in s, x and y in m; one for each track.
     """
-    margins = TubeMargins(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf)
+    margins = TubeMargins(0.0)
     rows = np.column_stack(
         (tracks.xy, np.nan_to_num(tracks.velocity), tracks.radius, np.zeros((len(tracks), 2)), tracks.id)
     ).astype(np.float64)

@@ -14,7 +14,7 @@ from antway import checks
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits
-from antway.kernels.base.rng import stream
+from antway.kernels.base.rng import make_state
 from antway.kernels.trajectory.smooth import SAMPLES, Curve, Surroundings, improve
 from antway.planning import Plan, Problem, Status, solve
 from antway.trajectory.footprint import covering_discs
@@ -203,7 +203,7 @@ def _curve(line: NDArray[np.float64], spacing: float, task: _Task) -> Motion:
     gone = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))))
     count = max(math.ceil(gone[-1] / spacing) + 1, _FEWEST)
     points = np.column_stack([np.interp(np.linspace(0.0, gone[-1], count), gone, line[:, axis]) for axis in (0, 1)])
-    state = np.array([stream(np.uint64(task.seed), np.uint64(count))], np.uint64)
+    state = make_state(task.seed, count)
     trials = max(min(task.trials, _TRIALS // count), 1)
     limits = task.limits
     for samples, moves in ((SAMPLES, trials), (_FINE, 0), (_FINE, 0)):

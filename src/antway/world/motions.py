@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, BadScenario
 from antway.grid import Grid
-from antway.kernels.base.rng import stream, uniform
+from antway.kernels.base.rng import make_state, uniform
 from antway.kernels.robot.motions import bounce
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_SPEED
 from antway.world.timeline import Trajectory
@@ -30,7 +30,7 @@ class Draw:
     """Random draws of one obstacle in one episode: stream `index` of the episode's seed."""
 
     def __init__(self, seed: int, index: int) -> None:
-        self.state = np.array([stream(np.uint64(seed), np.uint64(index))], np.uint64)
+        self.state = make_state(seed, index)
 
     def of(self, span: Span) -> float:
         """Return `span` if it is a number, else a number drawn from it."""

@@ -87,7 +87,7 @@ def swept_timeline(
     span = t1 - t0
     ux, uy = ((bx - ax) / span, (by - ay) / span) if span > 0.0 else (0.0, 0.0)
     first, distance, when = math.inf, math.inf, t0
-    i = _knot_after(trajectories, k, t0)
+    i = knot_after(trajectories, k, t0)
     t = t0
     while True:
         end = min(t1, trajectories.knot_t[i]) if i < trajectories.first[k + 1] else t1
@@ -104,7 +104,7 @@ def swept_timeline(
 
 
 @bare_kernel
-def _knot_after(trajectories: Trajectories, k: int, t: float) -> int:
+def knot_after(trajectories: Trajectories, k: int, t: float) -> int:
     """Return the number of the first knot of timeline k after the time t; the number after its last if there is none."""
     low, high = trajectories.first[k], trajectories.first[k + 1]
     return int(low + np.searchsorted(trajectories.knot_t[low:high], t, side="right"))
@@ -127,7 +127,7 @@ def _place(trajectories: Trajectories, k: int, i: int, t: float) -> tuple[float,
 @bare_kernel
 def timeline_at(t: float, trajectories: Trajectories, k: int) -> tuple[float, float, float, float]:
     """Return (x, y, vx, vy) at time t on timeline k; at a knot, of the part that begins there."""
-    return _place(trajectories, k, _knot_after(trajectories, k, t), t)
+    return _place(trajectories, k, knot_after(trajectories, k, t), t)
 
 
 @kernel
@@ -151,6 +151,7 @@ def segment_square_distance(ar: float, ac: float, br: float, bc: float, row: flo
 
 @kernel
 def _point_square(r: float, c: float, half: float) -> float:
+    """Return the distance of the point (r, c) from the closed square of half edge `half` around (0, 0)."""
     return math.hypot(max(abs(r) - half, 0.0), max(abs(c) - half, 0.0))
 
 
@@ -229,6 +230,12 @@ def hits_walls(terrain: Terrain, ax: float, ay: float, bx: float, by: float, rad
 def wrap(angle: float) -> float:
     """Return `angle` in rad as the same direction within [-pi, pi]."""
     return angle - 2.0 * math.pi * round(angle / (2.0 * math.pi))
+
+
+@inner_kernel
+def wrap_below_pi(angle: float) -> float:
+    """Return `angle` in rad as the same direction within [-pi, pi)."""
+    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @kernel

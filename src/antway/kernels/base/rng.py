@@ -29,6 +29,11 @@ def stream(seed: np.uint64, index: np.uint64) -> np.uint64:
     return mix(np.uint64(seed) + mix(np.uint64(index) + GAMMA))
 
 
+def make_state(seed: int, index: int) -> State:
+    """Return the state of a generator at the start of stream `index` of `seed`."""
+    return np.array([stream(np.uint64(seed), np.uint64(index))], np.uint64)
+
+
 @kernel
 def next_bits(state: State) -> np.uint64:
     """Step `state` and return 64 random bits."""

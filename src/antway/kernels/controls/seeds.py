@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.geometry import wrap_below_pi
 from antway.kernels.base.jit import inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.controls.lookup import slope
@@ -17,12 +18,6 @@ _ON_THE_SPOT = 1.2  # rad; a robot on wheels that has to turn by this or more tu
 _SAFE = 1.6  # 1; the fastest motion that stops at its target has 2 here, and would overshoot in periods of a finite length
 _NO_TURN = 0.05  # m; a robot on wheels does not turn to a target nearer than this
 _E = 0.1  # m; length of a step down the field, and half the distance over which its slope is taken
-
-
-@inner_kernel
-def _wrapped(angle: float) -> float:
-    """Return the angle wrapped to [-pi, pi), rad."""
-    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @inner_kernel
@@ -56,7 +51,7 @@ def _steer(state: RobotState, tx: float, ty: float, speed: float, problem: Contr
         if change > limits.a_max * dt:
             vx, vy = a + (vx - a) * limits.a_max * dt / change, b + (vy - b) * limits.a_max * dt / change
         return RobotState(x + 0.5 * (a + vx) * dt, y + 0.5 * (b + vy) * dt, heading, vx, vy)
-    off = _wrapped(math.atan2(dy, dx) - heading) if distance > _NO_TURN else 0.0
+    off = wrap_below_pi(math.atan2(dy, dx) - heading) if distance > _NO_TURN else 0.0
     turn = _turn_rate(off, b, limits, dt, 2.0 * dt)
     go = speed * _speed_off(off)
     go = min(max(go, a - limits.brake_max * dt), a + limits.a_max * dt)
@@ -74,7 +69,7 @@ def turn_and_go(ant: NDArray[np.float64], problem: ControlProblem, bearing: floa
         for k in range(len(ant)):
             ant[k, 0], ant[k, 1] = speed * math.cos(bearing), speed * math.sin(bearing)
         return
-    off = _wrapped(bearing - problem.start.theta + (math.pi if speed < 0.0 else 0.0))
+    off = wrap_below_pi(bearing - problem.start.theta + (math.pi if speed < 0.0 else 0.0))
     b = problem.start.b
     for k in range(len(ant)):
         turn = _turn_rate(off, b, limits, dt, dt)

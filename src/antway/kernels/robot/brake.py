@@ -22,6 +22,7 @@ from antway.kernels.robot.cycle import next_segment
 from antway.kernels.robot.motion import REST, drive_roughly
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y
 from antway.kernels.robot.sweep import (
+    DIRECTIONS,
     Body,
     Segment,
     Walls,
@@ -200,7 +201,7 @@ def _margin_left(state: RobotState, robot: Robot) -> float:
 def _clear_of_walls(state: RobotState, robot: Robot, margin: float) -> bool:
     """Tell whether the body, enlarged by the margin, touches no wall: creeping in any direction meets none at once."""
     for side in range(4):
-        ux, uy = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[side]
+        ux, uy = DIRECTIONS[side]
         m = straight(state.x, state.y, state.theta, 1e-6 * ux, 1e-6 * uy, 0.0, 0.0)
         if meets_wall(m, 1e-3, enlarged(robot.body, margin), robot.walls) < 1.0:
             return False

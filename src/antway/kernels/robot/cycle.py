@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import timeline_at, wrap
+from antway.kernels.base.geometry import knot_after, timeline_at, wrap
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState, Trajectories
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
@@ -58,12 +58,11 @@ def _first_contact(
     for k in range(len(discs.radius)):
         s = 0.0
         while s < h and s < when:
-            ox, oy, ux, uy = timeline_at(t + s, discs, k)
-            span = min(_next_knot(discs, k, t + s) - t - s, h - s)
-            at = pose(m, s)
-            away = math.hypot(at.x - ox, at.y - oy) - body.radius - discs.radius[k]
-            if away <= (fastest + math.hypot(ux, uy)) * span:
-                hit = meets_disc(_later(m, s), span, body, Disc(ox, oy, ux, uy, discs.radius[k]))
+            disc, until = _disc_at(discs, k, t + s)
+            span, at = min(until - t - s, h - s), pose(m, s)
+            away = math.hypot(at.x - disc.x, at.y - disc.y) - body.radius - disc.radius
+            if away <= (fastest + math.hypot(disc.vx, disc.vy)) * span:
+                hit = meets_disc(_later(m, s), span, body, disc)
                 if s + hit < when:
                     what, obstacle, when = HIT_MOVING, k, s + hit
             s += max(span, 1e-12)
@@ -83,11 +82,10 @@ def _first_contact(
 
 
 @bare_kernel
-def _next_knot(discs: Trajectories, k: int, t: float) -> float:
-    """Return the time of the first knot of disc k after t; infinite if there is none."""
-    low, high = discs.first[k], discs.first[k + 1]
-    i = low + int(np.searchsorted(discs.knot_t[low:high], t, side="right"))
-    return discs.knot_t[i] if i < high else math.inf
+def _disc_at(discs: Trajectories, k: int, t: float) -> tuple[Disc, float]:
+    """Return disc k as it moves at time t, and the time until which it moves so, s; infinite after its last knot."""
+    (x, y, vx, vy), i = timeline_at(t, discs, k), knot_after(discs, k, t)
+    return Disc(x, y, vx, vy, discs.radius[k]), discs.knot_t[i] if i < discs.first[k + 1] else math.inf
 
 
 @bare_kernel
@@ -105,9 +103,8 @@ def _nearest(m: Segment, t: float, h: float, body: Body, discs: Trajectories, be
     for k in range(len(discs.radius)):
         s = 0.0
         while True:
-            ox, oy, ux, uy = timeline_at(t + s, discs, k)
-            span = min(_next_knot(discs, k, t + s) - t - s, h - s)
-            disc = Disc(ox, oy, ux, uy, discs.radius[k])
+            disc, until = _disc_at(discs, k, t + s)
+            span = min(until - t - s, h - s)
             best = nearest_disc(_later(m, s), span, body, disc, best)
             s += max(span, 1e-12)
             if s >= h:

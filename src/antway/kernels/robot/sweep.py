@@ -22,6 +22,7 @@ from antway.kernels.robot.motion import along
 _CLOSE = 1e-12  # m; a smaller gap that is closing is a contact
 _DIP = 1e-3  # m; by how much the gap between two samples may be smaller than at both
 _LEAST = 1e-9  # s; the shortest step of conservative advancement
+DIRECTIONS = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))  # along the axes of the map
 _SLACK = 1e-6  # m; cells farther than this from every place of the body are left out
 
 
@@ -226,7 +227,7 @@ def square_axis(at: Pose, corners: NDArray[np.float64], cx: float, cy: float, ha
         outside = (low_x, -high_x, low_y, -high_y)[side] - half
         if outside > best:
             best = outside
-            bx, by = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[side]
+            bx, by = DIRECTIONS[side]
     if best > 0.0 and near > 0.0:
         away = math.sqrt(near)
         mx, my = qx / away, qy / away
@@ -371,7 +372,7 @@ def _meets_near(m: Segment, at: Pose, start: float, end: float, body: Body, move
     size, corners, (x, y, theta) = walls.resolution, body.corners, (at.x, at.y, at.theta)
     best, touches = math.inf, False
     for side in range(4):
-        nx, ny = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[side]
+        nx, ny = DIRECTIONS[side]
         edge = (walls.x0, -(walls.x0 + cols * size), walls.y0, -(walls.y0 + rows * size))[side]
         if nx * x + ny * y - edge > body.radius + moved + TOUCH:
             continue

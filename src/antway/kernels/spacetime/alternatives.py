@@ -29,7 +29,7 @@ def passing(
         t = now + (until - now) * i / _SAMPLES
         while p < len(segments) - 1 and segments[p, T1] <= t:
             p += 1
-        x, y, _ = place_at(knots, len(knots), t)
+        x, y, _ = place_at(knots, t)
         x -= segments[p, X] + (t - segments[p, T0]) * segments[p, VX]
         y -= segments[p, Y] + (t - segments[p, T0]) * segments[p, VY]
         if math.hypot(x, y) < best[0]:

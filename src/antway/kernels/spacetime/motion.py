@@ -105,8 +105,9 @@ def first_conflict(knots: NDArray[np.float64], now: float, predictions: Predicti
 
 
 @kernel
-def place_at(knots: NDArray[np.float64], n: int, t: float) -> tuple[float, float, int]:
-    """Return the place (x, y) on the motion knots[:n] at time t, and the index of the next knot."""
+def place_at(knots: NDArray[np.float64], t: float) -> tuple[float, float, int]:
+    """Return the place (x, y) on a motion at time t, and the index of the next knot."""
+    n = len(knots)
     if t <= knots[0, 0]:
         return knots[0, 1], knots[0, 2], min(1, n - 1)
     for i in range(1, n):
@@ -125,17 +126,15 @@ def shorten(
     context: PlanningContext,
     predictions: Predictions,
     knots: NDArray[np.float64],
-    n: int,
     out: NDArray[np.float64],
 ) -> int:
-    """Write to `out` a motion without new conflicts that is nowhere later than knots[:n]; return its number of knots.
+    """Write to `out` a motion without new conflicts that is nowhere later than `knots`; return its number of knots.
 
     From each vertex it goes straight to the farthest of the next LOOK vertices that it reaches no later than before, with the
     first safe departure. The robot must be able to stand there until the old departure, so the rest of the motion stays valid.
     """
-    x, y = np.empty(n), np.empty(n)
-    arrive, depart = np.empty(n), np.empty(n)
-    m = 0
+    n, m = len(knots), 0
+    x, y, arrive, depart = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for i in range(n):
         if m > 0 and knots[i, 1] == x[m - 1] and knots[i, 2] == y[m - 1]:
             depart[m - 1] = knots[i, 0]

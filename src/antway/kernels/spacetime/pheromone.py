@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 
 TRAILS = 1 << 12  # number of slots of the table, a power of two
+_LEAST_PERSISTENCE, _GREATEST_PERSISTENCE = 0.1, 0.9  # 1
 
 
 class Trails(NamedTuple):
@@ -51,8 +52,8 @@ def lay(trails: Trails, key: int, amount: float) -> None:
 
 
 @kernel
-def evaporate(trails: Trails, now: float, low: float, high: float, cycle: float) -> None:
-    """tau <- rho tau with the paper's persistence, corrected: rho = clip(exp(-tau_min / tau) + exp(-t), low, high).
+def evaporate(trails: Trails, now: float, cycle: float) -> None:
+    """tau <- rho tau with the paper's persistence, corrected: rho = clip(exp(-tau_min / tau) + exp(-cycle), 0.1, 0.9).
 
     tau_min is 1, the floor of every edge. Edges whose bin of arrival is in the past are dropped. The bins are absolute, so the
     pheromone need not be shifted in time.
@@ -64,7 +65,7 @@ def evaporate(trails: Trails, now: float, low: float, high: float, cycle: float)
     for j in range(TRAILS):
         if keys[j] >= 0 and (keys[j] // bins + 1) * trails.bin >= now:
             tau = 1.0 + taus[j]
-            rho = min(max(math.exp(-1.0 / tau) + math.exp(-cycle), low), high)
+            rho = min(max(math.exp(-1.0 / tau) + math.exp(-cycle), _LEAST_PERSISTENCE), _GREATEST_PERSISTENCE)
             if rho * tau > 1.05:
                 lay(trails, keys[j], rho * tau - 1.0)
 

@@ -159,6 +159,7 @@ def move_field(
 
 @kernel
 def _link(cell: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.int32], before: NDArray[np.int32]) -> None:
+    """Put a cell at the head of a bucket's list."""
     after[cell] = head[bucket]
     before[cell] = -1
     if head[bucket] >= 0:
@@ -168,6 +169,7 @@ def _link(cell: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.int
 
 @kernel
 def _unlink(cell: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.int32], before: NDArray[np.int32]) -> None:
+    """Take a cell out of a bucket's list."""
     if before[cell] >= 0:
         after[before[cell]] = after[cell]
     else:

@@ -30,20 +30,8 @@ def unsafe_stay(x: float, y: float, segments: Segments, p: int) -> tuple[float, 
 @bare_kernel
 def within(x: float, y: float, distance: float, segments: Segments, p: int) -> tuple[float, float]:
     """Return the open interval of times in s at which segment p is less than `distance` m from (x, y); (inf, -inf) if none."""
-    ax, ay = segments[p, X] - x, segments[p, Y] - y
-    vx, vy = segments[p, VX], segments[p, VY]
-    slack = ax * ax + ay * ay - distance * distance
-    vv = vx * vx + vy * vy
-    if vv == 0.0:
-        return (segments[p, T0], segments[p, T1]) if slack < 0.0 else (math.inf, -math.inf)
-    av = ax * vx + ay * vy
-    root = av * av - vv * slack
-    if root <= 0.0:
-        return math.inf, -math.inf
-    root = math.sqrt(root)
-    low = max(segments[p, T0], segments[p, T0] + (-av - root) / vv)
-    high = min(segments[p, T1], segments[p, T0] + (-av + root) / vv)
-    return (low, high) if low < high else (math.inf, -math.inf)
+    s = segments[p]
+    return _near(s[X] - x, s[Y] - y, s[VX], s[VY], s[T0], s[T1], distance)
 
 
 @inner_kernel
@@ -58,18 +46,18 @@ def insert_interval(intervals: NDArray[np.float64], n: int, low: float, high: fl
 
 
 @bare_kernel
-def _edge(bx: float, by: float, dx: float, dy: float, until: float, contact_radius: float) -> tuple[float, float]:
-    """Return the part of [0, until] in which |b + d z| < contact_radius; (inf, -inf) if there is none."""
-    dd = dx * dx + dy * dy
-    slack = bx * bx + by * by - contact_radius * contact_radius
-    if dd == 0.0:
-        return (0.0, until) if slack < 0.0 else (math.inf, -math.inf)
-    bd = bx * dx + by * dy
-    root = bd * bd - dd * slack
+def _near(ax: float, ay: float, vx: float, vy: float, start: float, end: float, distance: float) -> tuple[float, float]:
+    """Return the part of [start, end] in which |a + v (t - start)| < distance; (inf, -inf) if there is none."""
+    vv = vx * vx + vy * vy
+    slack = ax * ax + ay * ay - distance * distance
+    if vv == 0.0:
+        return (start, end) if slack < 0.0 else (math.inf, -math.inf)
+    av = ax * vx + ay * vy
+    root = av * av - vv * slack
     if root <= 0.0:
         return math.inf, -math.inf
     root = math.sqrt(root)
-    low, high = max(0.0, (-bd - root) / dd), min(until, (-bd + root) / dd)
+    low, high = max(start, start + (-av - root) / vv), min(end, start + (-av + root) / vv)
     return (low, high) if low < high else (math.inf, -math.inf)
 
 
@@ -92,11 +80,11 @@ def unsafe_departures(
     low, high = math.inf, -math.inf
     for k in range(2):  # edges of constant z: at departure and at arrival
         z = duration * k
-        first, last = _edge(ax + vx * z, ay + vy * z, -ux, -uy, span, contact_radius)
+        first, last = _near(ax + vx * z, ay + vy * z, -ux, -uy, 0.0, span, contact_radius)
         low, high = min(low, first - z), max(high, last - z)
     for k in range(2):  # edges of constant t: the start and the end of the segment
         w = span * k
-        first, last = _edge(ax - ux * w, ay - uy * w, vx, vy, duration, contact_radius)
+        first, last = _near(ax - ux * w, ay - uy * w, vx, vy, 0.0, duration, contact_radius)
         low, high = min(low, w - last), max(high, w - first)
     # q = a + v z - u w on the circle; w - z is linear in q with gradient g, so it is extreme at q = -+ r g / |g|.
     det = ux * vy - uy * vx

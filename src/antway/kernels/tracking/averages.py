@@ -18,11 +18,10 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking import bounces
-from antway.kernels.tracking.bounces import remember, velocity_change
-from antway.kernels.tracking.kalman import UNKNOWN
-from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.bounces import remember, row_to_compare, velocity_change
+from antway.kernels.tracking.predict import SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.prediction_error import LATER, add_error, count_comparison, summed_error, velocity_error
-from antway.kernels.tracking.table import SEEN, Table, drop_lost, row_for
+from antway.kernels.tracking.table import SEEN, Table, drop_lost
 
 TIMES = (0.4, 1.2)  # s; velocities are averaged over these times, weights fall with age; 0.4 to 1.2 s fit eth and citr best
 MODELS = len(TIMES) + 2  # the last velocity, those averages, and the mean of the first average and that of companions
@@ -67,9 +66,7 @@ def averaged(
     row_at = np.full(len(estimates), -1)  # the row of each estimate, or -1 if it has none
     for k in range(len(estimates)):
         copy_row(estimates[k], out[k])
-        if estimates[k, NAME] < 0.0 or estimates[k, SIGMA_V] >= UNKNOWN:
-            continue
-        i, is_new = row_for(table, estimates[k, NAME])
+        i, is_new = row_to_compare(table, estimates[k])
         if i < 0:
             continue
         row_at[k] = i

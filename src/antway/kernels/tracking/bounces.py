@@ -13,14 +13,23 @@ from numpy.typing import NDArray
 from antway.kernels.base.geometry import reflected, wall_ahead
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import Terrain
-from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
-from antway.kernels.tracking.table import NAMED, SEEN
+from antway.kernels.tracking.kalman import UNKNOWN
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.table import NAMED, SEEN, Table, row_for
 
 # Columns of a row after NAMED and SEEN in tables that compare scans: where and with what velocity the track was last seen.
 _X, _Y, LAST_VX, LAST_VY = range(2, 6)
 COLUMNS = 6
 GAP = 0.3  # s; a wall explains a change of velocity if the track would have touched it within this time
 _CHANGED = 0.1  # m/s; a smaller change of velocity is not looked at as a bounce
+
+
+@bare_kernel
+def row_to_compare(table: Table, estimate: NDArray[np.float64]) -> tuple[int, bool]:
+    """Do as `row_for`, but a track without a name, or whose velocity is not known, has the row -1, too."""
+    if estimate[NAME] < 0.0 or estimate[SIGMA_V] >= UNKNOWN:
+        return -1, True
+    return row_for(table, estimate[NAME])
 
 
 @bare_kernel

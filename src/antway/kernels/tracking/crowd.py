@@ -14,6 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.geometry import wrap_below_pi
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.orca import beyond, half_plane, least_violation, nearest
@@ -88,12 +89,6 @@ def _all_lines(rows: NDArray[np.float64], step: float, lines: NDArray[np.float64
 
 
 @bare_kernel
-def _wrapped(angle: float) -> float:
-    """Return an angle in [-pi, pi), rad."""
-    return angle - 2 * math.pi * math.floor(angle / (2 * math.pi) + 0.5)
-
-
-@bare_kernel
 def _learn_goal(
     row: NDArray[np.float64], vx: float, vy: float, preferred_speed: float, lines: NDArray[np.float64], n: int
 ) -> None:
@@ -108,7 +103,7 @@ def _learn_goal(
             along = vx * nx + vy * ny
             root = along * along - speed * speed + preferred_speed * preferred_speed
             more = max(math.sqrt(root) - along, 0.0) if root > 0.0 else 0.0
-            turn = _wrapped(math.atan2(vy + more * ny, vx + more * nx) - own)
+            turn = wrap_below_pi(math.atan2(vy + more * ny, vx + more * nx) - own)
             low, high = (min(low, turn), max(high, turn)) if active else (turn, turn)
             active += 1
     if active and speed > preferred_speed - 0.001:  # at full speed the preferred velocity may lie anywhere in the arc
@@ -126,7 +121,7 @@ def _learn_goal(
         bearing, across, along = own + 0.5 * (low + high), math.hypot(_SURE, (high - low) / math.sqrt(12.0)), _DOUBT
     else:
         far = max(math.hypot(gx - row[X], gy - row[Y]), 1.0)
-        turn = _wrapped(math.atan2(gy - row[Y], gx - row[X]) - own)
+        turn = wrap_below_pi(math.atan2(gy - row[Y], gx - row[X]) - own)
         if low + _SURE < turn < high - _SURE:
             return  # the observation agrees with the goal
         bearing = own + min(max(turn, low), high)

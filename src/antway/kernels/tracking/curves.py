@@ -16,12 +16,11 @@ from antway.kernels.base.geometry import reflected
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import bounces
-from antway.kernels.tracking.bounces import remember, velocity_change
+from antway.kernels.tracking.bounces import remember, row_to_compare, velocity_change
 from antway.kernels.tracking.crowd import STEPS, straighten
-from antway.kernels.tracking.kalman import UNKNOWN
-from antway.kernels.tracking.predict import NAME, SIGMA_V, STEP_TIME, VX, VY, X, Y
+from antway.kernels.tracking.predict import STEP_TIME, VX, VY, X, Y
 from antway.kernels.tracking.prediction_error import add_error, count_comparison, summed_error
-from antway.kernels.tracking.table import SEEN, Table, drop_lost, row_for
+from antway.kernels.tracking.table import SEEN, Table, drop_lost
 
 # Columns of a row after those of kernels/tracking/bounces.py: the average turn rate and the weight of what went into it; when
 # and where the models predicted from, the velocity of the straight line, and velocity and turn rate of the circle. The last
@@ -72,9 +71,7 @@ def turn_rates(
     for k in range(len(estimates)):
         estimate = estimates[k]
         rate[k] = 0.0
-        if estimate[NAME] < 0.0 or estimate[SIGMA_V] >= UNKNOWN:
-            continue
-        i, is_new = row_for(table, estimate[NAME])
+        i, is_new = row_to_compare(table, estimate)
         if i < 0:
             continue
         row = table.rows[i]

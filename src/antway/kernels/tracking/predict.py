@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base import records
 from antway.kernels.base.geometry import first_wall, reflected
-from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import Terrain
 
 X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of the track estimates, one row for each track
@@ -29,11 +29,12 @@ class TubeMargins(NamedTuple):
     """How wide the tubes of a prediction are."""
 
     robot_radius: float  # m
-    margin: float  # m; added to the radii
-    quantile: float  # 1; this many standard deviations of the place are added at each time
-    speed_bound: float  # m/s; no obstacle is faster
-    acceleration_bound: float  # m/s^2; no obstacle's speed grows faster
-    stopping_time: float  # s; a moving robot keeps clear of all that an obstacle could reach from its place this long before
+    margin: float = 0.0  # m; added to the radii
+    quantile: float = 0.0  # 1; this many standard deviations of the place are added at each time
+    speed_bound: float = 0.0  # m/s; no obstacle is faster
+    acceleration_bound: float = 0.0  # m/s^2; no obstacle's speed grows faster
+    # s; a moving robot keeps clear of all that an obstacle could reach from its place this long before
+    stopping_time: float = 0.0
     # m/s^2; no obstacle's velocity vector changes faster. If finite, a moving robot keeps clear of all that an obstacle could
     # reach within the stopping time around its predicted place.
     vector_bound: float = math.inf
@@ -92,6 +93,19 @@ def _last_step_alike(trajectory: NDArray[np.float64], i: int) -> int:
             break
         i += 1
     return i
+
+
+@inner_kernel
+def tube_width(margins: TubeMargins, sigma: float, sigma_v: float, ahead: float, gap: float, keeps_velocity: bool) -> float:
+    """Return the width of a tube beyond the radii of the bodies, m: it grows with the time `ahead` of the estimate, s.
+
+    Where the track keeps its velocity, extra clearance is added as far as the present `gap` allows, m.
+    """
+    width = margins.margin + margins.drift_time * sigma_v
+    width += margins.quantile * math.sqrt(sigma**2 + (sigma_v * min(ahead, _KNOWN)) ** 2)
+    if keeps_velocity:
+        width += min(margins.extra_drift_time * sigma_v * min(ahead / _FULL, 1.0), max(gap - width, 0.0))
+    return width
 
 
 @kernel
@@ -180,10 +194,7 @@ def predict(
                 mirrored = not _at_edge(terrain, row + vy * fraction, col + vx * fraction, n_row, n_col, radius / size)
             until = t + share * (end - t) if mirrored else end
             if until > t:
-                variance = sigma**2 + (sigma_v * min(max(until + age, 0.0), _KNOWN)) ** 2
-                width = margin + quantile * math.sqrt(variance)
-                if not on_trajectory:
-                    width += min(extra * min(max(until + age, 0.0) / _FULL, 1.0), max(gap - width, 0.0))
+                width = tube_width(margins, sigma, sigma_v, max(until + age, 0.0), gap, not on_trajectory)
                 out[n, records.T0], out[n, records.T1] = now + t, now + until
                 out[n, records.X], out[n, records.Y], out[n, records.VX], out[n, records.VY] = x, y, vx, vy
                 out[n, records.CONTACT_RADIUS] = bodies + max(min(width, gap - 1e-6), 0.0)

@@ -7,10 +7,8 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import Terrain
-from antway.kernels.tracking.bounces import GAP, remember, velocity_change
-from antway.kernels.tracking.kalman import UNKNOWN
-from antway.kernels.tracking.predict import NAME, SIGMA_V
-from antway.kernels.tracking.table import SEEN, Table, drop_lost, row_for
+from antway.kernels.tracking.bounces import GAP, remember, row_to_compare, velocity_change
+from antway.kernels.tracking.table import SEEN, Table, drop_lost
 
 TURN = 0.7  # m/s; a larger change of velocity between two scans counts as a turn; people seldom make one
 SECONDS, TURNS, CHANGES = range(3)  # entries of `turns`: time observed in s, number of turns, and sum of their changes in m/s
@@ -37,9 +35,7 @@ def count_turns(
     """
     drop_lost(table, t)
     for k in range(len(estimates)):
-        if estimates[k, NAME] < 0.0 or estimates[k, SIGMA_V] >= UNKNOWN:
-            continue
-        i, is_new = row_for(table, estimates[k, NAME])
+        i, is_new = row_to_compare(table, estimates[k])
         if i < 0:
             continue
         row = table.rows[i]

@@ -73,7 +73,7 @@ class Situation:
             return None
         knots = np.empty((KNOTS, 3))
         n = trace_back(memory, context, predictions, x, y, last, end, end + s.horizon, memory.knots)
-        n = shorten(context, predictions, memory.knots, n, knots)
+        n = shorten(context, predictions, memory.knots[:n], knots)
         return TimedPath(knots[:n, 0].copy(), knots[:n, 1:].copy())
 
     def straight(self, memory: Memory | None = None) -> TimedPath | None:
@@ -93,10 +93,8 @@ class Situation:
         """Return how much later a robot on `path` reaches the goal than it would without moving obstacles, s."""
         x, y = path.xy[-1].tolist()
         context = self.context
-        row, col = (
-            math.floor((y - context.y0) / context.resolution + 0.5),
-            math.floor((x - context.x0) / context.resolution + 0.5),
-        )
+        ends = (y - context.y0, x - context.x0)
+        row, col = (math.floor(away / context.resolution + 0.5) for away in ends)
         rest = float(context.field[row * context.cols + col])
         return max(float(path.t[-1]) - self.now + rest - self.free(), 0.0)
 

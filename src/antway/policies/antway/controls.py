@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import RobotState
-from antway.kernels.base.rng import stream
+from antway.kernels.base.rng import make_state
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
 from antway.kernels.controls.lattice import DOWNHILL, Lattice
 from antway.kernels.controls.others import Averaging, average, restart
@@ -209,7 +209,7 @@ class ControlColony:
         )
         self.unsure = o.unsure * relative_swerve(task)
         self.averaging = None if o.search == "ants" else _averaging(o, steps, block)
-        self.random = np.array([stream(np.uint64(seed), np.uint64(1))], np.uint64)
+        self.random = make_state(seed, 1)
         self.xy = np.zeros((steps, 2))
         self.path: TimedPath | None = None
         self.began = 0.0  # s; when the last command begins to act

@@ -14,8 +14,8 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.base.jit import call
-from antway.kernels.base.rng import stream
-from antway.kernels.crossing import KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, cycle
+from antway.kernels.base.rng import make_state
+from antway.kernels.crossing import ARRIVAL, BOUND, KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, cycle
 from antway.kernels.sidestep import sidestep
 from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.pheromone import window
@@ -194,7 +194,7 @@ class AntwayPolicy:
             tracker=tracker,
             crowd=make_crowd(task, len(tracker.table.rows)),
             seed=seed,
-            rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
+            rng=make_state(seed, 0),
             response=response,
             controls=controls,
             detours=Detours(self.moves, (context,) if robot.stepwise else (context, kept)),
@@ -218,7 +218,7 @@ class AntwayPolicy:
         if observation.sensed_at >= s.detours.due:
             self._look_for_detours(observation)
         drive = self._follow_plan if s.controls is None else self._roll_out
-        command, what, arrival, bound = drive(observation)
+        command, what = drive(observation)
         # Which track is which is a guess where the sensor gives no names: nothing is proven by it.
         command = self._guarded(as_sensed if self.mode == "strict" else observation, command)
         guard_did = "" if self.guard is None else self.guard.did
@@ -227,7 +227,7 @@ class AntwayPolicy:
             if what != KEPT:
                 s.path = self._planned()
         if s.decision is None:
-            s.cycle, s.guard_did = Cycle(observation, arrival, bound), guard_did
+            s.cycle, s.guard_did = Cycle(observation, *s.plan.state[[ARRIVAL, BOUND]].tolist()), guard_did
         self.sent(observation, command)
         return command
 
@@ -284,27 +284,28 @@ class AntwayPolicy:
         """Tell whether an obstacle crosses an edge of the map."""
         return call(crosses_edge, estimates, self._state.terrain)
 
-    def _follow_plan(self, o: Observation) -> tuple[Command, int, float, float]:
-        """Plan; return the command that follows the plan, what was done with the plan, its arrival and a lower bound on any."""
+    def _follow_plan(self, o: Observation) -> tuple[Command, int]:
+        """Plan; return the command that follows the plan, and what was done with the plan."""
         age = o.t - o.sensed_at
-        vx, vy, what, arrival, bound = self._plan(o, age)
-        return Command(self._aside(o, age, (vx, vy))), what, arrival, bound
+        vx, vy, what = self._plan(o, age)
+        return Command(self._aside(o, age, (vx, vy))), what
 
-    def _roll_out(self, o: Observation) -> tuple[Command, int, float, float]:
+    def _roll_out(self, o: Observation) -> tuple[Command, int]:
         """Do as `_follow_plan`, but the ants in the space of controls find the command."""
         s = self._state
         assert s.controls is not None
         delay, acting_at, robot = acting(o, s.task.robot)
-        _, _, _, arrival, bound = self._plan(acting_at, o.t - o.sensed_at + delay)
+        self._plan(acting_at, o.t - o.sensed_at + delay)
         n, m, known = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), len(s.tracker.estimates)
+        arrival = float(s.plan.state[ARRIVAL])
         turns = s.tracker.count_turns(o.sensed_at, s.terrain)
         sigma = s.controls.deviations(
             s.tracker.estimates, s.crowd.velocity_error[:known], distrust(s.crowd.pool, s.crowd.missed), turns
         )
         command = s.controls.act(o, acting_at.t, robot, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival, turns)
-        return command, KEPT if s.controls.same_path() else NEW, arrival, bound
+        return command, KEPT if s.controls.same_path() else NEW
 
-    def _plan(self, o: Observation, age: float) -> tuple[float, float, int, float, float]:
+    def _plan(self, o: Observation, age: float) -> tuple[float, float, int]:
         """Predict and plan in one cycle of kernels/crossing.py, from estimates `age` s old; return what `cycle` returns."""
         s = self._state
         self._adapt_settings(o.t)

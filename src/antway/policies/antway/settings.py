@@ -60,7 +60,7 @@ def make_settings(policy: AntwayPolicy, task: Task) -> Settings:
         goal_x=task.goal[0],
         goal_y=task.goal[1],
         tubes=tubes,
-        narrow_tubes=TubeMargins(0.0 if strict else robot.radius, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf),
+        narrow_tubes=TubeMargins(0.0 if strict else robot.radius),
         wide_tubes=tubes._replace(
             robot_radius=0.0 if strict or controlled else robot.radius, extra_drift_time=_EXTRA_DRIFT_TIME
         ),

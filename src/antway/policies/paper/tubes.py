@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.base.records import Trajectories
-from antway.kernels.base.rng import stream
+from antway.kernels.base.rng import make_state
 from antway.kernels.robot.motions import bounce
 from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_free
 from antway.world.policy import XY
@@ -39,7 +39,7 @@ class Tubes:
 
         Columns x, y in m, velocity in m/s along x and y, and radius in m.
         """
-        state = np.array([stream(np.uint64(0), np.uint64(0))], np.uint64)
+        state = make_state(0, 0)
         points = grid.to_points(discs[:, :2])
         scale, times, places = grid.resolution, [np.empty(0)], [np.empty((0, 2))]
         for (row, col), (vx, vy, radius) in zip(points.tolist(), discs[:, 2:].tolist(), strict=True):
