@@ -134,6 +134,12 @@ def test_tracks_come_back_as_they_were():
         np.testing.assert_allclose(back.velocity, tracks.velocity, rtol=0, atol=1e-14)
 
 
+def test_the_last_second_of_stamps_is_one() -> None:
+    """A stamp of any time that a message can hold can be answered."""
+    last = convert.plain("", sec=2**31 - 1, nanosec=850_000_000)
+    assert convert.stamp_message(convert.seconds(last)).sec == 2**31 - 1
+
+
 def test_malformed_tracks_are_refused_by_name():
     """No markers, one id twice, places that are not finite and stamps out of range are refused."""
     tracks = Tracks(np.array([3]), np.array([[1.0, 2.0]]), np.array([[0.5, 0.0]]), np.array([0.3]))

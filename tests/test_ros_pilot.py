@@ -17,6 +17,7 @@ from antway import Command, Decision, Grid, Moves, Observation, Outcome, Scenari
 from antway.errors import BadInput, BadParameter
 from antway.planning import Problem, solve
 from antway.policies.guard_process import GuardProcess
+from antway.ros2 import compile as compiling
 from antway.ros2 import nav2, tours
 from antway.ros2.frames import Odometry
 from antway.ros2.markers import decision_message, predictions, predictions_message
@@ -539,6 +540,22 @@ def test_pheromone_is_shown_where_it_is():
 
 
 # Robots
+
+
+def test_what_drives_the_robot_is_compiled_before(monkeypatch) -> None:
+    """The robot itself drives among obstacles, and then one with inertia and latency whose speeds are not measured."""
+    played = []
+    monkeypatch.setattr(compiling, "run", lambda scenario, policy: played.append((scenario, policy)))
+    usual = settings(**{"robot.drive": "differential", "robot.radius": 0.31, "policy.mode": "strict"})
+    compiling.compile_for(usual)
+    (first, _), (second, unmeasured) = played
+    assert first.robot == usual.robot and len(first.world.obstacles) == 4
+    assert second.robot == replace(usual.robot, a_max=1.0, latency=0.1)
+    unmeasured.reset(second.task, 0)
+    command = unmeasured.act(Observation(0.0, second.start, (math.nan, 0.0), 0.0, NOBODY))  # of its speeds nothing is used
+    assert command.twist is not None and all(policy.mode == "strict" for _, policy in played)
+    compiling.compile_for(usual)
+    assert len(played) == 2, "once in a process"
 
 
 def test_no_drive_is_refused_and_a_name_is_enough() -> None:

@@ -46,7 +46,7 @@ def seconds(stamp: Any, *, where: str = "") -> float:
 
 def stamp_message(t: float, make: Make = plain) -> Any:
     """Return `t` s, >= 0, as a builtin_interfaces/msg/Time, to the nearest ns."""
-    total = round(checks.number("t", t, low=0.0, high=2.0**31 - 1, unit="s") * 1e9)
+    total = round(checks.number("t", t, low=0.0, high=math.nextafter(2.0**31, 0.0), unit="s") * 1e9)
     return make("builtin_interfaces/msg/Time", sec=total // 10**9, nanosec=total % 10**9)
 
 

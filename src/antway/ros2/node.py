@@ -25,11 +25,10 @@ from rclpy.signals import SignalHandlerOptions
 from antway import checks
 from antway.errors import BadInput, BadMap, BadParameter
 from antway.grid import Grid
-from antway.planning import Problem, solve
-from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard_process import GuardProcess
 from antway.ros2 import convert, frames
 from antway.ros2.actions import Served
+from antway.ros2.compile import compile_for
 from antway.ros2.driver import open_driver, stamp_twist, twist_type
 from antway.ros2.frames import Odometry, Pose
 from antway.ros2.markers import decision_message, predictions_message
@@ -39,10 +38,7 @@ from antway.ros2.pilot import ERROR, OBSTACLES, ODOMETRY, OK, WARN, Answer, End,
 from antway.ros2.scan import Tracker, discs, nameless, newest_reached, off_the_map, read_points
 from antway.ros2.settings import LASER, Settings, parameters
 from antway.ros2.tf import Transforms
-from antway.world.episode import run
 from antway.world.policy import Decision, Task, Tracks
-from antway.world.scenario import Scenario
-from antway.world.world import World
 
 T = TypeVar("T")
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -105,16 +101,12 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         try:
             self.settings = settings = Settings.of(self.values)
             kind = load(settings.obstacles_type)
+            self.get_logger().info(f"the robot is {settings.robot}")
+            compile_for(settings)
         except (BadInput, ImportError, AttributeError) as error:
             self.get_logger().error(str(error) if isinstance(error, BadInput) else f"obstacles_type: {error}")
             return TransitionCallbackReturn.FAILURE
-        self.get_logger().info(f"the robot is {settings.robot}")
-        place = World(Grid(np.zeros((8, 8), bool)))
-        # An episode and a plan in an empty place compile the kernels of the policy and the planner.
-        run(Scenario(place, (2.0, 2.0), (6.0, 6.0), horizon=1.0), AntwayPolicy(**settings.policy), record=False)
-        solve(Problem(place.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
         self.tracker = Tracker()
-        self.tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))  # compiles it; the first scan resets the state
         self.done: Callable[[End, str], None] | None = None  # called with how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # called after each command
         self.orders = 0  # number of goals, tours and stops that were asked for
@@ -124,7 +116,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.shown: Decision | None = None
         self.heard = time.monotonic()  # s; when odometry was last good
         self.reported, self.logged = (OK, ""), dict[str, float]()  # the logged errors, and when, s
-        self._open_publishers(place)
+        self._open_publishers()
         self._open_subscriptions(kind)
         stop = self.create_service(load("std_srvs/srv/Trigger"), "~/stop", self._serve_stop)
         self.parts.append((self.destroy_service, stop))
@@ -136,7 +128,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.parts.append((self.destroy_timer, self.create_timer(period, tick, clock=steady)))
         return TransitionCallbackReturn.SUCCESS
 
-    def _open_publishers(self, place: World) -> None:
+    def _open_publishers(self) -> None:
         """Open the topics that the node sends to, and make the pilot, whose guard process sends commands to one of them."""
         settings = self.settings
 
@@ -146,7 +138,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             return made
 
         self.cmd_vel = publisher(twist_type(settings.stamped), "cmd_vel")
-        task = Task(place.grid, settings.robot, (2.0, 2.0), (6.0, 6.0), **settings.task)
+        task = Task(Grid(np.zeros((8, 8), bool)), settings.robot, (2.0, 2.0), (6.0, 6.0), **settings.task)
         self.pilot = Pilot(settings, self._guard_process(task))
         self.plan = publisher("nav_msgs/msg/Path", "plan", LATCHED)
         self.pheromone = publisher("nav_msgs/msg/OccupancyGrid", "pheromone", LATCHED)

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +36,7 @@ from antway.ros2.markers import predictions
 from antway.ros2.path import corridor, keeps_within
 from antway.ros2.settings import Settings
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
-from antway.world.robots import RobotSpec, towards
+from antway.world.robots import towards
 
 OK, WARN, ERROR = 0, 1, 2  # levels of diagnostic_msgs/msg/DiagnosticStatus
 ODOMETRY, OBSTACLES = "odometry", "obstacles"
@@ -90,16 +89,6 @@ class Goal:
     path: NDArray[np.float64] | None = None
     gives_up: bool = False
     yaw: float = math.nan
-
-
-@cache
-def prepare(robot: RobotSpec) -> None:
-    """Compile what drives a robot with inertia: one that was declared without it often turns out to have some on the way."""
-    if robot.stepwise and robot.dynamics == "ramps":
-        policy, side = AntwayPolicy(), 12.0 * robot.radius
-        grid = Grid(np.zeros((12, 12), np.bool_), robot.radius)
-        policy.reset(Task(grid, replace(robot, a_max=1.0), (0.3 * side, 0.5 * side), (0.7 * side, 0.5 * side)), 0)
-        policy.act(Observation(0.0, (0.3 * side, 0.5 * side), (0.0, 0.0), 0.0, Tracks.none()))
 
 
 class Pilot:
@@ -407,7 +396,6 @@ class Pilot:
         grid = self.grid
         if goal.path is not None:
             grid = corridor(grid, np.vstack((here, move(into, goal.path))), settings.corridor + settings.robot.radius)
-        prepare(settings.robot)
         policy = AntwayPolicy(**settings.policy)
         task = Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task)
         policy.reset(task, 0)
