@@ -32,6 +32,22 @@ function showPlaying(playing) {
   byId("play").classList.toggle("playing", playing);
 }
 
+// The colour of an action: of calm, of a planned detour, or of anything else.
+function kindOf(action) {
+  if (!action || ["follow", "arrived"].includes(action)) return "calm";
+  return ["avoid", "step-aside", "step-back"].includes(action) ? "planned" : "prediction";
+}
+
+// What a decision, if there is one, is about and how it was weighed, as pairs of a name and a value.
+function factsOf(decision) {
+  const facts = [];
+  if (decision?.obstacle != null) facts.push([`Obstacle ${decision.obstacle}`, (decision.encounter ?? "").replace("crossing-", "crossing from the ")]);
+  if (decision?.closest?.[0] != null) facts.push(["Closest approach", `${fixed(Math.max(decision.closest[1], 0), 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
+  if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
+  if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
+  return [...facts, ...(decision?.alternatives ?? [])];
+}
+
 // Light or dark, at first as the system prefers; `changed` is called after each change. Returns the switch.
 function themes(changed) {
   const root = document.documentElement;
@@ -65,4 +81,4 @@ function boxes(layers, show, changed, beside) {
   };
 }
 
-export { bits, boxes, byId, fixed, inNextFrame, make, pointOn, save, showPlaying, themes };
+export { bits, boxes, byId, factsOf, fixed, inNextFrame, kindOf, make, pointOn, save, showPlaying, themes };

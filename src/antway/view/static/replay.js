@@ -1,5 +1,5 @@
 import { HORIZON, LAYERS, Stage, navigate } from "./canvas.js";
-import { bits, boxes, byId, fixed, inNextFrame, make, save, showPlaying, themes } from "./common.js";
+import { bits, boxes, byId, factsOf, fixed, inNextFrame, kindOf, make, save, showPlaying, themes } from "./common.js";
 
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
 const SHOWN = LAYERS.filter(({ live }) => !live);
@@ -165,15 +165,9 @@ function showDecision(decision) {
   if (decision === shownDecision) return;
   shownDecision = decision;
   put("action", decision ? decision.action.replaceAll("-", " ") : "–");
-  byId("action").dataset.action = decision?.action ?? "";
+  byId("action").dataset.kind = kindOf(decision?.action);
   put("reason", decision?.reason ?? "No decision was recorded.");
-  const facts = [];
-  if (decision?.obstacle != null) facts.push([`Obstacle ${decision.obstacle}`, (decision.encounter ?? "").replace("crossing-", "crossing from the ")]);
-  if (decision?.closest) facts.push(["Closest approach", `${fixed(Math.max(decision.closest[1], 0), 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
-  if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
-  if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
-  facts.push(...(decision?.alternatives ?? []));
-  byId("facts").replaceChildren(...facts.flatMap(([name, value]) => [make("dt", name), make("dd", value)]));
+  byId("facts").replaceChildren(...factsOf(decision).flatMap(([name, value]) => [make("dt", name), make("dd", value)]));
 }
 
 function render() {
@@ -238,9 +232,7 @@ function drawRibbon() {
   canvas.width = 1000;
   canvas.height = 1;
   for (let x = 0; x < 1000; x++) {
-    const action = chosen.decision(chosen.stepAt((x / 1000) * t[last]))?.action ?? "follow";
-    const kind = { follow: "calm", arrived: "calm", avoid: "planned", "step-aside": "planned", "step-back": "planned" }[action] ?? "prediction";
-    c.fillStyle = css.getPropertyValue(`--${kind}`);
+    c.fillStyle = css.getPropertyValue(`--${kindOf(chosen.decision(chosen.stepAt((x / 1000) * t[last]))?.action)}`);
     c.fillRect(x, 0, 1, 1);
   }
 }
@@ -298,9 +290,9 @@ function listen() {
 
 // The next step at which a decision of another kind begins; after the last one, the first step.
 function nextEncounter() {
-  const kind = (i) => chosen.decision(i)?.action;
+  const action = (i) => chosen.decision(i)?.action;
   for (let i = chosen.stepAt(state.time) + 1; i < chosen.last; i++)
-    if (kind(i) !== kind(i - 1) && !["follow", "arrived"].includes(kind(i))) return longest.stepAt(chosen.t[i]);
+    if (action(i) !== action(i - 1) && kindOf(action(i)) !== "calm") return longest.stepAt(chosen.t[i]);
   return 0;
 }
 

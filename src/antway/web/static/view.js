@@ -1,11 +1,8 @@
 // One policy's part of the page: its stage, its card of decisions, and the record of its run.
 import { Stage, navigate } from "/canvas.js";
-import { byId, fixed, make, pointOn } from "/common.js";
+import { byId, factsOf, fixed, kindOf, make, pointOn } from "/common.js";
 import { CYCLE, named } from "/terms.js";
 import { choices, shadeMask } from "/parts.js";
-
-const CALM = ["follow", "arrived"];
-const ASIDE = ["avoid", "step-aside", "step-back"];
 
 class View {
   // `page` is as in page.js, `editor` takes gestures on the stage.
@@ -136,15 +133,10 @@ class View {
     card.querySelector("h2").textContent = this.page.views.length > 1 ? `Decision of ${this.select.value}` : "Decision";
     const action = card.querySelector(".action");
     action.textContent = now.outcome ? now.outcome.replaceAll("-", " ") : (decision?.action.replaceAll("-", " ") ?? "ready");
-    action.dataset.kind = !decision || CALM.includes(decision.action) ? "calm" : ASIDE.includes(decision.action) ? "planned" : "alert";
+    action.dataset.kind = kindOf(decision?.action);
     card.querySelector(".ants").textContent = now.ants ? `Ant cycle ${now.ants[0]} of the control cycle to come${now.ants[1] ? ", the last" : ""}` : now.idle;
     card.querySelector(".reason").textContent = now.outcome ? now.ending : (decision?.reason ?? "Press play, or take one step.");
-    const facts = [];
-    if (decision?.obstacle != null) facts.push([`Obstacle ${decision.obstacle}`, decision.encounter.replaceAll("-", " ")]);
-    if (decision?.closest[0] != null) facts.push(["Closest approach", `${fixed(Math.max(decision.closest[1], 0), 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
-    if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
-    if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
-    facts.push(...(decision?.alternatives ?? []));
+    const facts = factsOf(decision);
     if (decision?.colony) {
       const [cycles, best, arrived] = decision.colony;
       facts.push([`Ants, after ${cycles} ${cycles === 1 ? "cycle" : "cycles"}`, `${fixed(best, 2, "m")}, ${fixed(100 * arrived, 0, "%")} arrive`]);
