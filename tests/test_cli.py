@@ -337,8 +337,10 @@ def test_discs_that_would_overlap_are_closest_at_zero(capsys: pytest.CaptureFixt
     from antway.console import print_decisions
 
     one = {"t": 0.5, "action": "avoid", "obstacle": 2, "encounter": "standing", "weighed": [], "gap": 0.0, "guard": "free"}
-    print_decisions([{**one, "time_to_closest": 4.2, "distance_at_closest": -0.23, "reason": "closest in 4.2 s at 0.0 m"}])
-    assert "0.00 m in 4.2 s" in capsys.readouterr().out
+    one |= {"time_to_closest": 4.2, "distance_at_closest": -0.23, "reason": "closest in 4.2 s at 0.0 m"}
+    print_decisions([one, {**one, "t": 1.5}, {**one, "t": 2.5, "guard": "slowed"}])
+    out = capsys.readouterr().out
+    assert out.count("0.00 m in 4.2 s") == 2 and " 1.5 s" not in out, "what says nothing new has no row"
 
 
 def test_a_contact_is_status_five(antway: Any, tmp_path: Path) -> None:

@@ -202,7 +202,7 @@ def run_command(
     policy: PolicyName = "antway",
     seed: RunSeed = None,
     out: Annotated[Path | None, path_option("out", "DIR", "Write figures, a replay page, the trace and more.")] = None,
-    explain: Annotated[bool, typer.Option("--explain", help="Print every decision, what was weighed, and why.")] = False,
+    explain: Annotated[bool, typer.Option("--explain", help="Print the decisions, what was weighed, and why.")] = False,
     robot: RobotName = None,
     json: Json = False,
 ) -> int:

@@ -280,7 +280,8 @@ def print_decisions(decisions: list[dict[str, Any]]) -> None:
             one["guard"] or "-",
             one["reason"],
         )
-        rows.append(row)
+        if not rows or row[1:] != rows[-1][1:]:
+            rows.append(row)
     left = "action obstacle encounter closest weighed guard reason"
     _print_cells("Decisions, each until the next", heads, left, rows, long=("weighed", "reason"))
 
