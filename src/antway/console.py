@@ -263,7 +263,7 @@ def print_table(summaries: list[tuple[str, dict[str, Any]]]) -> None:
 def print_decisions(decisions: list[dict[str, Any]]) -> None:
     """Print an episode's decisions as a table, with a row for each that differs from the one before."""
     heads = ("time", "action", "obstacle", "encounter", "closest", "weighed", "gap", "guard", "reason")
-    rows = []
+    rows: list[Sequence[Cell]] = []
     for one in decisions:
         closest = "-"
         if one["time_to_closest"] is not None:
