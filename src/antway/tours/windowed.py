@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +15,7 @@ from antway.kernels.colony import time_windows as beams
 from antway.kernels.colony import window_colony as colonies
 from antway.kernels.colony import windows as kernel
 from antway.kernels.colony.window_repair import QUICK_WORK, WORK, lateness, repair
-from antway.kernels.colony.window_search import MoveOptions, timed_order
+from antway.kernels.colony.window_search import MoveOptions, TimedOrder, timed_order
 from antway.planning import Clock
 from antway.tours.stops import Floats, Order
 
@@ -215,7 +215,13 @@ def search(
     moves = MoveOptions(makespan, _LONGEST, 0.5 if path.exact and not makespan else 1e-9 * step)
     width, attempts = (0, _FEW_ATTEMPTS) if path.quick else (min(width, _WIDTH), _ATTEMPTS)
     options = colonies.ColonyOptions(width, attempts, evaporation, _TEMPERATURE * step, step, _HURRY, moves)
-    return _Run(path, clock, options, seed, target, start, initial is not None, pheromone).go(cycles)
+    # Among orders with equal ends, a millionth of the travel time decides.
+    target = target * path.scale * (1.0 + (3e-6 if makespan else 1e-9)) if math.isfinite(target) else target
+    tau = np.full((n, n), colonies.TAU_0) if pheromone is None or pheromone.shape != (n, n) else pheromone.copy()
+    record = np.array([math.inf, math.inf, 0.0, 0.0])
+    colony = colonies.Colony(tau, np.zeros((n, n)), np.zeros((3, n), dtype=np.int32), record)
+    scratch = beams.workspace(n, _WIDTH), timed_order(n)
+    return _Run(path, clock, options, np.uint64(seed), target, start, initial is not None, colony, *scratch).go(cycles)
 
 
 def _by_due_times(path: Path) -> Order:
@@ -236,31 +242,22 @@ def _earliest_first(path: Path) -> Order:
     return order
 
 
+@dataclass(slots=True)
 class _Run:
     """One run of `search`."""
 
-    def __init__(
-        self,
-        path: Path,
-        clock: Clock,
-        options: colonies.ColonyOptions,
-        seed: int,
-        target: float,
-        start: Order,
-        warm: bool,
-        pheromone: Floats | None,
-    ) -> None:
-        n = len(path.time)
-        self.path, self.clock, self.options, self.seed = path, clock, options, np.uint64(seed)
-        makespan = options.moves.makespan
-        # Among orders with equal ends, a millionth of the travel time decides.
-        self.target = target * path.scale * (1.0 + (3e-6 if makespan else 1e-9)) if math.isfinite(target) else target
-        tau = np.full((n, n), colonies.TAU_0) if pheromone is None or pheromone.shape != (n, n) else pheromone.copy()
-        record = np.array([math.inf, math.inf, 0.0, 0.0])
-        self.colony = colonies.Colony(tau, np.zeros((n, n)), np.zeros((3, n), dtype=np.int32), record)
-        self.beam, self.timed = beams.workspace(n, _WIDTH), timed_order(n)
-        self.start, self.warm, self.proven = start, warm, False
-        self.history: list[tuple[int, float, float]] = []
+    path: Path
+    clock: Clock
+    options: colonies.ColonyOptions
+    seed: np.uint64
+    target: float
+    start: Order
+    warm: bool
+    colony: colonies.Colony
+    beam: beams.Beam
+    timed: TimedOrder
+    proven: bool = False
+    history: list[tuple[int, float, float]] = field(default_factory=list)
 
     def _note(self) -> None:
         best = float(self.colony.record[colonies.BEST]) / self.path.scale
