@@ -36,16 +36,16 @@ def number(
     >>> number("radius", 1, low=0.0, unit="m")
     1.0
     """
-    allowed = f"a {'' if infinite else 'finite '}number{_range(low, high, open_low)}{f' ({unit})' if unit else ''}"
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
-        raise error(field, value, allowed, where=where)
     try:
+        if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
+            raise TypeError
         result = float(value)
+        outside = result < low or result > high or (open_low and result == low)
+        if math.isnan(result) or outside or (math.isinf(result) and not infinite):
+            raise TypeError
     except (OverflowError, TypeError):
+        allowed = f"a {'' if infinite else 'finite '}number{_range(low, high, open_low)}{f' ({unit})' if unit else ''}"
         raise error(field, value, allowed, where=where) from None
-    outside = result < low or result > high or (open_low and result == low)
-    if math.isnan(result) or outside or (math.isinf(result) and not infinite):
-        raise error(field, value, allowed, where=where)
     return result
 
 

@@ -97,7 +97,7 @@ def bootstrap(values: ArrayLike, tail: float = 0.025) -> Interval:
     Efron: Bootstrap methods, Annals of Statistics 1979. For paired episodes, pass the differences. `tail` is the share of
     resamples beyond each end; by default the interval is of 95 %.
     """
-    sample = checks.array("values", values, (None,), finite=False)
+    sample, tail = checks.array("values", values, (None,), finite=False), checks.number("tail", tail, low=0.0, high=0.5)
     if not len(sample):
         return math.nan, math.nan
     drawn = np.random.default_rng(0).integers(0, len(sample), (RESAMPLES, len(sample)))

@@ -37,13 +37,12 @@ class Stops:
         start = checks.integer("start", self.start, low=0, high=n - 1)
         if isinstance(end, str) and end == "start":
             end = start
-        service = 0.0 if self.service is None else self.service
         found = {
             "matrix": matrix,
             "start": start,
             "end": None if end is None else checks.integer("end", end, low=0, high=n - 1),
             "windows": checked_windows(self.windows, n),
-            "service": amounts("service", service, n),
+            "service": np.zeros(n) if self.service is None else amounts("service", self.service, n),
             "priorities": None if self.priorities is None else amounts("priorities", self.priorities, n),
             "deadline": checks.number("deadline", self.deadline, low=0.0, infinite=True, unit="s"),
             "robots": checks.integer("robots", self.robots, low=1, high=1_000),
