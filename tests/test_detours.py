@@ -154,3 +154,13 @@ def test_times_of_tracks_are_handed_to_kernels_without_gaps() -> None:
         xy = 9.0 * np.arange(n)[:, None] * np.ones(2)
         tracker.update(Tracks(np.arange(n), xy, np.zeros((n, 2)), np.ones(n)), 0.5 * n)
         assert tracker.last_seen.tolist() == [0.5 * n] * n and tracker.last_seen.strides == (8,)
+
+
+def test_a_footprint_passes_lengthwise_what_stays_where_the_disc_around_it_does_not_fit() -> None:
+    """`amr`, 0.7 m wide in a disc of 0.61 m, passes somebody who leaves 0.9 m of a corridor, and stood behind him before."""
+    blocked = np.ones((28, 140), np.bool_)
+    blocked[5:25, 3:137] = False
+    stands = Line((7.0, 1.65), (7.0, 1.651), speed=0.001)
+    world = World(Grid(blocked, 0.1), [Obstacle(0.25, stands)])
+    result = checked(Scenario(world=world, robot=load_robot("amr"), start=(2.0, 1.5), goal=(12.0, 1.5), horizon=30.0))
+    assert result.reached and result.time < 20.0

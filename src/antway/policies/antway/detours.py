@@ -37,6 +37,9 @@ class Detours:
         Of the planning contexts.
     contexts : sequence of PlanningContext
         The maps for which there are such times; by the first, the robot's progress is judged.
+    narrow : sequence of PlanningContext or None
+        Those for a disc as narrow as the robot, which passes obstacles lengthwise; None if they are the same. They are tried
+        first where the robot is held up, and after that those of `contexts` and these by turns.
 
     Attributes
     ----------
@@ -46,16 +49,18 @@ class Detours:
         Time from which on the next scan is to be taken in, s.
     """
 
-    def __init__(self, moves: Moves, contexts: tuple[PlanningContext, ...]) -> None:
-        self.moves, self.contexts = moves, contexts
+    def __init__(
+        self, moves: Moves, contexts: tuple[PlanningContext, ...], narrow: tuple[PlanningContext, ...] | None = None
+    ) -> None:
+        self.moves, self.contexts, self.wide, self.narrow = moves, contexts, contexts, narrow or contexts
         self.times = [context.field for context in contexts]
         self._stays = make_table(_ROWS, stays.COLUMNS)
         self._expected: set[tuple[float, float]] = set()  # the stays that `times` count with
         self.due = -math.inf
         self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
-        # The times of the last two updates by the nodes and those that were left out; they seldom change from one to the next.
-        self._before: dict[tuple[tuple[int, int], bytes], NDArray[np.float64]] = {}
-        self._known: dict[tuple[tuple[int, int], bytes], NDArray[np.float64]] = {}
+        # The times of the last two updates by the disc, the nodes, and those left out; they seldom change from one to the next.
+        self._before: dict[tuple[float, tuple[int, int], bytes], NDArray[np.float64]] = {}
+        self._known: dict[tuple[float, tuple[int, int], bytes], NDArray[np.float64]] = {}
 
     def update(self, estimates: NDArray[np.float64], seen: NDArray[np.float64], t: float, xy: XY) -> bool:
         """Take in the scan at time `t` s, when the robot is at `xy`; tell whether `times` have changed.
@@ -66,12 +71,13 @@ class Detours:
         call(update_stays, self._stays, estimates, seen, t)
         to_go = self._time_to_go(xy)
         if self._expected and not self._expected <= _stays(rows_in_use(self._stays)):
-            return self._expect(t, xy)
+            return self._expect(t, xy, self.contexts)
         if to_go < self._nearest - _PROGRESS or to_go < _ARRIVED:
             self._nearest, self._since = to_go, t
         if t - self._since < _STALLED - 1e-6:
             return False
-        return self._expect(t, xy)
+        other = self.narrow if self.contexts is self.wide else self.wide
+        return self._expect(t, xy, other)
 
     @property
     def expects(self) -> bool:
@@ -79,7 +85,8 @@ class Detours:
         return bool(self._expected)
 
     def timed(self, context: PlanningContext) -> PlanningContext:
-        """Return the first context with the present times; that given may be for another speed."""
+        """Return the first context with the present times; that given may be for another speed if no other is narrow."""
+        context = context if self.narrow is self.wide else self.contexts[0]
         return context._replace(field=self.times[0] * (self.contexts[0].speed / context.speed))
 
     def without(self, context: PlanningContext) -> PlanningContext:
@@ -97,8 +104,8 @@ class Detours:
             here = float(field[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2].min(initial=math.inf))
         return here
 
-    def _expect(self, t: float, xy: XY) -> bool:
-        """Count with all that have stayed long enough by now; tell whether that changes anything."""
+    def _expect(self, t: float, xy: XY, contexts: tuple[PlanningContext, ...]) -> bool:
+        """Count in these contexts with all that have stayed long enough by now; tell whether that changes anything."""
         self._since = t
         rows = rows_in_use(self._stays)
         stay = rows[:, SEEN] - rows[:, stays.SINCE]
@@ -106,6 +113,7 @@ class Detours:
         if not (long.any() or self.expects):
             return False
         self._expected = _stays(rows[long])
+        self.contexts = contexts if self._expected else self.wide
         self._before, self._known = self._known, {}
         self.times = [self._times(context, rows[long], stay[long]) for context in self.contexts]
         self._nearest = self._time_to_go(xy)
@@ -139,7 +147,7 @@ class Detours:
             window = mask[low_r : max(math.floor(r + far) + 1, 0), low_c : max(math.floor(c + far) + 1, 0)]
             i, j = np.ogrid[: window.shape[0], : window.shape[1]]
             window[np.hypot(i + low_r - r, j + low_c - c) < far] = 0
-        key = shape, np.flatnonzero((mask == 0) & (context.legal.reshape(shape) != 0)).tobytes()
+        key = context.radius, shape, np.flatnonzero((mask == 0) & (context.legal.reshape(shape) != 0)).tobytes()
         times = self._known.get(key, self._before.get(key))
         if times is None:
             goal = divmod(context.goal, shape[1])

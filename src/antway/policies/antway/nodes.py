@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.errors import OutOfBounds
+from antway.errors import CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.prepare import move_mask
@@ -29,6 +29,36 @@ _FINE = 0.4  # 1; such robots need cells that are no larger than this share of t
 _SPARSE = 0.5  # 1; nodes of the plan of a robot that follows it are no farther apart than this share of the radius, or a cell
 _LONGER = 1.02  # 1; paths between fewer nodes may take this times as long
 _ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, where one of them is too near to a wall
+
+
+def planning_contexts(task: Task, moves: Moves) -> tuple[PlanningContext, PlanningContext]:
+    """Return the planning context between nodes at distances that suit the robot, and that between all cells of the task.
+
+    The errors are those of `planning_context`.
+    """
+    over_cells, start, goal = planning_context(task, moves)
+    kept = over_cells if task.robot.stepwise else away_from_walls(task, over_cells, start, goal, moves)
+    return with_far_nodes(task, over_cells, kept, start, goal, moves), kept
+
+
+def narrow_contexts(task: Task, moves: Moves, radius: float) -> tuple[PlanningContext, PlanningContext] | None:
+    """Return the contexts of `planning_contexts` for a disc as wide as the robot's footprint is at least.
+
+    None if that disc is not smaller than one of `radius` m, or does not fit at the start or at the goal.
+    """
+    corners = task.robot.corners
+    x, y = (np.roll(corners, -1, axis=0) - corners).T
+    if len(corners) == 1:
+        return None
+    over = x[:, None] * (corners[:, 1] - corners[:, 1, None]) - y[:, None] * (corners[:, 0] - corners[:, 0, None])
+    width = float((over.max(axis=1) / np.hypot(x, y)).min())
+    if 0.5 * width >= radius:
+        return None
+    disc = replace(task, robot=replace(task.robot, radius=0.5 * width, footprint=None))
+    try:
+        return planning_contexts(disc, moves)
+    except CellBlocked:
+        return None
 
 
 def planning_context(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, Cell]:

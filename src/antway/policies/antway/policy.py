@@ -14,6 +14,7 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.base.jit import call
+from antway.kernels.base.records import CONTACT_RADIUS
 from antway.kernels.base.rng import make_state
 from antway.kernels.crossing import ARRIVAL, BOUND, KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, cycle
 from antway.kernels.sidestep import sidestep
@@ -26,13 +27,14 @@ from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain, wait_of
-from antway.policies.antway.nodes import away_from_walls, on_cells, planning_context, with_far_nodes, with_fine_cells
+from antway.policies.antway.nodes import narrow_contexts, on_cells, planning_contexts, with_fine_cells
 from antway.policies.antway.response import Response, tops
 from antway.policies.antway.settings import make_settings
 from antway.policies.antway.state import (
     Cycle,
     State,
     carried_on,
+    change_nodes,
     drop_plan,
     fit_tables,
     full_and_careful,
@@ -170,9 +172,7 @@ class AntwayPolicy:
         """Make the state of an episode."""
         robot, settings, controls, tracker = task.robot, make_settings(self, task), None, Tracker(self.mode == "strict")
         fine = task if robot.stepwise else with_fine_cells(task)
-        over_cells, start, goal = planning_context(fine, self.moves)
-        kept = over_cells if robot.stepwise else away_from_walls(fine, over_cells, start, goal, self.moves)
-        context = with_far_nodes(fine, over_cells, kept, start, goal, self.moves)
+        context, kept = planning_contexts(fine, self.moves)
         paces = full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
         if not robot.stepwise:
             if self.distance_weight > 0.0:
@@ -197,7 +197,9 @@ class AntwayPolicy:
             rng=make_state(seed, 0),
             response=response,
             controls=controls,
-            detours=Detours(self.moves, (context,) if robot.stepwise else (context, kept)),
+            detours=Detours(
+                self.moves, (context, kept)[: 1 if robot.stepwise else 2], narrow_contexts(fine, self.moves, context.radius)
+            ),
         )
 
     def act(self, observation: Observation) -> Command:
@@ -276,6 +278,8 @@ class AntwayPolicy:
         if not s.detours.update(s.tracker.estimates, s.tracker.last_seen, float(o.sensed_at), o.xy):
             return
         s.paces = tuple((s.detours.timed(context), stopping_time) for context, stopping_time in s.paces)
+        if (context := s.paces[0][0]).legal is not s.context.legal:
+            change_nodes(s, context, s.task.robot.radius if s.detours.wide is s.detours.contexts else context.radius)
         drop_plan(s.plan)
         if s.controls is not None:
             s.controls.set_times(s.detours.times[1])
@@ -302,7 +306,9 @@ class AntwayPolicy:
         sigma = s.controls.deviations(
             s.tracker.estimates, s.crowd.velocity_error[:known], distrust(s.crowd.pool, s.crowd.missed), turns
         )
-        command = s.controls.act(o, acting_at.t, robot, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival, turns)
+        segments = s.plan.segments[:m].copy()  # rollouts expect the disc around the body, and look up how far that extends
+        segments[:, CONTACT_RADIUS] += s.task.robot.radius - s.settings.tubes.robot_radius
+        command = s.controls.act(o, acting_at.t, robot, segments, sigma, s.plan.knots[:n], arrival, turns)
         return command, KEPT if s.controls.same_path() else NEW
 
     def _plan(self, o: Observation, age: float) -> tuple[float, float, int]:
