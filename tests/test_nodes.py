@@ -9,6 +9,7 @@ import pytest
 
 from antway import Grid, Moves, RobotSpec, Scenario, Task, World, check_episode, run
 from antway.arena.suites import Episode, build, episodes
+from antway.errors import CellBlocked
 from antway.policies.antway.nodes import make_context, on_cells, planning_context, with_far_nodes
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Line
@@ -106,3 +107,17 @@ def test_a_cell_shows_the_most_of_the_nodes_in_it() -> None:
     whole = np.zeros((12, 16), np.float32)
     whole[3:8, 5:12] = amounts
     assert shown.tolist() == whole.reshape(6, 2, 8, 2).max(axis=(1, 3))[1:4, 2:6].tolist()
+
+
+def test_a_goal_near_which_a_footprint_fits_in_no_heading_is_blocked() -> None:
+    """`amr`, 1.0 x 0.7 m, fits into a box of 1.1 x 0.8 m; in one of 0.9 x 0.9 m there is room for the disc inside it alone."""
+    for high, wide, fits in ((11, 8, True), (8, 11, True), (9, 9, False)):
+        blocked = np.ones((20, 20), np.bool_)
+        blocked[2 : 2 + high, 2 : 2 + wide] = False
+        goal = 0.2 + 0.05 * wide, 0.2 + 0.05 * high
+        task = Task(Grid(blocked, 0.1), load_robot("amr"), goal, goal, goal_tolerance=0.05)
+        if fits:
+            AntwayPolicy().reset(task, seed=0)
+        else:
+            with pytest.raises(CellBlocked, match=r"goal = .*footprint fits"):
+                AntwayPolicy().reset(task, seed=0)

@@ -40,6 +40,8 @@ STRAIGHT = 0.01  # rad/s; a smaller turn rate counts as none
 _SLACK = 0.01  # m; obstacles beyond the farthest place of a manoeuvre by more than this are left out
 _CLOSE = 1e-12  # m; a smaller gap is a contact
 _LEAST = 1e-9  # s; the shortest step of conservative advancement
+_APART, _RINGS = 0.05, 8  # m, 1; distance and number of rings of places at which a body is tried
+_HEADINGS = 72  # number of headings in which it is tried
 
 
 class Robot(NamedTuple):
@@ -190,7 +192,7 @@ def _margin_left(state: RobotState, robot: Robot) -> float:
     low, high = 0.0, robot.margin
     for _ in range(6):
         middle = 0.5 * (low + high)
-        if _clear_of_walls(state, robot, middle):
+        if _clear_of_walls(state, enlarged(robot.body, middle), robot.walls):
             low = middle
         else:
             high = middle
@@ -198,11 +200,29 @@ def _margin_left(state: RobotState, robot: Robot) -> float:
 
 
 @bare_kernel
-def _clear_of_walls(state: RobotState, robot: Robot, margin: float) -> bool:
-    """Tell whether the body, enlarged by the margin, touches no wall: creeping in any direction meets none at once."""
+def _clear_of_walls(state: RobotState, body: Body, walls: Walls) -> bool:
+    """Tell whether the body touches no wall: creeping in any direction meets none at once."""
     for side in range(4):
         ux, uy = DIRECTIONS[side]
         m = straight(state.x, state.y, state.theta, 1e-6 * ux, 1e-6 * uy, 0.0, 0.0)
-        if meets_wall(m, 1e-3, enlarged(robot.body, margin), robot.walls) < 1.0:
+        if meets_wall(m, 1e-3, body, walls) < 1.0:
             return False
     return True
+
+
+@bare_kernel
+def fits_near(x: float, y: float, far: float, body: Body, walls: Walls) -> bool:
+    """Tell whether the body fits between the walls in some heading at most `far` m from (x, y).
+
+    It is tried in 72 headings at (x, y) and at places at most 5 cm apart, or an eighth of `far` if that is more.
+    """
+    rings = min(max(math.ceil(far / _APART), 1), _RINGS)
+    for ring in range(rings + 1):
+        for i in range(max(6 * ring, 1)):
+            angle, away = math.pi * i / max(3 * ring, 1), far * ring / rings
+            px, py = x + away * math.cos(angle), y + away * math.sin(angle)
+            for k in range(_HEADINGS):
+                state = RobotState(px, py, 2.0 * math.pi * k / _HEADINGS, 0.0, 0.0)
+                if _clear_of_walls(state, body, walls):
+                    return True
+    return False
