@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.errors import CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid, Moves
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call
 from antway.kernels.robot.brake import fits_near
 from antway.kernels.robot.sweep import Body
 from antway.kernels.spacetime.context import PlanningContext
@@ -80,8 +80,7 @@ def planning_context(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, C
     ends = {"start": task.start, "goal": task.goal}
     if robot.footprint is not None:
         body = Body(robot.corners, robot.rounding, robot.radius, np.zeros((1, 2)))
-        arguments = *task.goal, task.goal_tolerance, body, walls_of(grid)
-        if not entry(fits_near, *arguments)(*arguments):
+        if not call(fits_near, *task.goal, task.goal_tolerance, body, walls_of(grid)):
             raise CellBlocked("goal", task.goal, "where the robot's footprint fits between the walls in some heading")
     widest = None
     narrowest = max(robot.inscribed, _LEAST_RADIUS * robot.radius)
