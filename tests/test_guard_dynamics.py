@@ -270,3 +270,19 @@ def test_the_guard_starts_from_the_state_after_the_pending_commands(drive: str) 
             assert state[2] == theta
             expected[2] = theta
         assert np.abs(state - expected).max() < 1e-12
+
+
+def test_the_certified_stop_outlives_what_is_learnt_of_the_robot() -> None:
+    """A robot in a bend along a wall can stop only by turning on, also if its latency and brakes have just been learnt."""
+    blocked = np.zeros((40, 40), dtype=bool)
+    blocked[:, 22:] = True
+    robot = RobotSpec(drive="differential", a_max=1.0, turn_rate=2.0, latency=0.1, dt=DT)
+    task = Task(Grid(blocked, SIZE), robot, (2.0, 2.0), (2.0, 8.0))
+    guard = Guard()
+    guard.reset(task)
+    seen = Observation(0.0, (5.0, 4.0), (math.cos(1.07), math.sin(1.07)), 1.07, Tracks.none(), turn_rate=1.0)
+    guard.limit(seen, Command(twist=(1.0, 2.0)))
+    kept, sent = guard.dynamic.keep.tolist(), guard.dynamic.sent.tolist()
+    assert kept[1] > 0.0
+    guard.set_robot(replace(task, robot=replace(robot, latency=0.2, brake_max=0.8)))
+    assert guard.dynamic.keep.tolist() == kept and guard.dynamic.sent.tolist() == [[0.0, 0.0], *sent]

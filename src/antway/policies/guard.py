@@ -164,13 +164,14 @@ class Guard:
         self.tracks, self.spread = np.empty((_TRACKS, COLUMNS)), np.zeros(_TRACKS)
         self.last_stamp = -math.inf
         self.did = ""
+        self.dynamic: _Dynamic | None = None
         self.set_robot(task)
 
     def set_robot(self, task: Task) -> None:
         """Guard the robot of `task` from now on, which is that of `reset` with another latency or other accelerations."""
         robot, self.task = task.robot, task
         strict = self.mode == "strict"
-        self.dynamic = None if robot.stepwise else _Dynamic(task, self.mode)
+        self.dynamic = None if robot.stepwise else _Dynamic(task, self.mode, self.dynamic)
         self.walls = walls_of(task.grid) if strict and robot.stepwise else None
         self.bounds[BOUND_CHANGE], self.bounds[STRICT] = assumed_accel(task, self.mode), float(strict or not robot.stepwise)
         self.rules = Rules(robot.limits, terrain_of(task.grid), robot.dt, self.lookahead, strict)
@@ -259,7 +260,7 @@ def _bounded(rows: NDArray[np.float64], n: int, seen: NDArray[np.bool_], swerve:
 class _Dynamic:
     """The guard's part for robots with inertia, wheels, latency or a footprint."""
 
-    def __init__(self, task: Task, mode: str) -> None:
+    def __init__(self, task: Task, mode: str, before: _Dynamic | None) -> None:
         robot = self.robot = task.robot
         self.strict, self.swerve = mode == "strict", assumed_swerve(task, mode)
         self.late = math.ceil(robot.latency / robot.dt - 1e-9)  # number of commands that do not act yet
@@ -268,6 +269,9 @@ class _Dynamic:
         self.record = Robot(robot.limits, body, walls_of(task.grid), robot.dt, _MARGIN, self.strict, near, self.keep)
         self._passed_command = entry(passed_command, _AT_REST, 0.0, 0.0, self.rows[:0], self.record, 0.0)
         self.sent = np.zeros((self.late, 2))
+        if before is not None:  # the stop that is certified, and the commands that do not act yet
+            self.keep[:] = before.keep
+            self.sent = np.vstack((self.sent, before.sent))[len(before.sent) :]
         turning = 0.0 if robot.footprint is None else 2.0 * robot.turn_rate / robot.alpha_max
         # The longest time until the end of any certified manoeuvre.
         self.stopping = robot.latency + 2.0 * robot.dt + max(robot.stop_time, turning) + turning
