@@ -225,6 +225,15 @@ def test_a_tour_of_five_cities(antway: Any, tmp_path: Path) -> None:
     assert status == 0 and "five: 80" in out and (tmp_path / "five.png").stat().st_size > 10_000
 
 
+def test_a_round_of_a_room_is_a_table(antway: Any, room: Path) -> None:
+    """`tour` prints a row for each stop, its window in words where that has no end, and the totals."""
+    stops = room.with_name("stops.csv")
+    stops.write_text("x,y,name,earliest,latest\n13,8,far,40,\n1,8,any,,\n2,2,soon,0,60\n")
+    status, out, _ = antway("tour", room, "--start", "1,1", "--stops", stops, "--seconds", "0.1")
+    row = {cells[2]: cells[6] for cells in (re.split(r" *│ *", line) for line in out.splitlines()) if len(cells) == 9}
+    assert status == 0 and row == {"any": "-", "soon": "0 - 60 s", "far": "from 40 s"} and "proved the best" in out
+
+
 @needs_data
 def test_an_interrupt_ends_a_search_with_its_best_tour() -> None:
     """Ctrl-C during `tsp` prints the best tour so far and ends with status 0."""

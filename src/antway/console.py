@@ -333,7 +333,7 @@ def print_tour(tour: TourPlan) -> None:
     for k, route in enumerate(tour.routes, 1):
         for n, stop in enumerate(route.order.tolist()):
             earliest, latest = task.windows[stop].tolist()
-            window = f"{earliest:g} - {'' if latest == float('inf') else f'{latest:g}'} s"
+            window = f"from {earliest:g} s" if latest == float("inf") else f"{earliest:g} - {latest:g} s"
             late = max(0.0, float(route.arrival[n] + route.waiting[n]) - latest)
             row: list[Cell] = [
                 str(k),
