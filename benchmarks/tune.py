@@ -32,7 +32,7 @@ GRIDS: dict[str, dict[str, tuple[object, ...]]] = {
 }
 ON_WHEELS: dict[str, dict[str, tuple[object, ...]]] = {
     "mppi": {"temperature": (0.1, 0.3), "turn_noise": (0.25, 0.4), "margin": (0.08, 0.12)},
-    "dwa": {"dist": (1.0, 2.0), "aim": (0.7, 1.2), "margin": (0.1, 0.2)},
+    "dwa": {"vel": (0.25, 0.5), "horizon": (2.0, 3.0), "aim": (0.7, 1.2), "margin": (0.1, 0.2)},
     "nh-orca": {"horizon": (1.0, 2.0), "wall_horizon": (0.5, 1.0, 2.0), "error": (0.05, 0.1, 0.2), "turn_time": (0.35, 0.7)},
 }
 

@@ -146,7 +146,7 @@ def test_it_arrives_past_what_crosses(robot: RobotSpec) -> None:
     assert again.trace.digest() == result.trace.digest()
 
 
-@pytest.mark.parametrize("aim", [1.0, 1.2])
+@pytest.mark.parametrize("aim", [0.7, 1.2])
 @pytest.mark.parametrize("changes", [{}, {"latency": 0.15}, {"v_reverse": 0.0, "turn_rate": 1.0, "alpha_max": 1.5}])
 def test_wheels_stop_before_every_wall(aim: float, changes: dict) -> None:
     """What is commanded can be braked from before a wall, on the arc that braking takes: not one of 180 episodes hits one."""
@@ -211,6 +211,16 @@ def test_wrong_options_are_refused() -> None:
         {"turns": 1},
         {"aim": 0.0},
         {"margin": math.nan},
+        {"vel": -0.1},
     ):
         with pytest.raises(BadParameter, match=next(iter(wrong))):
             make_policy("dwa", **wrong)
+
+
+def test_wheels_with_ramps_weigh_speed_less() -> None:
+    """Weight of speed and margin are others on such wheels, unless they are given."""
+    for robot, usual in ((WHEELS, (0.25, 0.1)), (RobotSpec(), (1.1, 0.2))):
+        for options, wanted in (({}, usual), ({"vel": 0.7, "margin": 0.3}, (0.7, 0.3))):
+            policy = make_policy("dwa", **options)
+            policy.reset(hall(robot=robot).task, 1)
+            assert (policy.speed_weight, policy.kept) == wanted

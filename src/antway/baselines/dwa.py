@@ -32,16 +32,18 @@ class Dwa(Follow):
 
     Parameters
     ----------
-    heading, dist, vel : float
+    heading, dist : float
         Weights, >= 0.
+    vel : float or None
+        Weight, >= 0; None: 1.1, or 0.25 for wheels with ramps.
     horizon : float
         s, > 0.
     look_ahead : float
         Largest distance of the target along the path, m, > 0.
     directions, speeds : int
         Number of directions, >= 3, and of speeds, >= 1, of the candidates.
-    margin : float
-        Distance kept from obstacles, m, >= 0.
+    margin : float or None
+        Distance kept from obstacles, m, >= 0; None: 0.2, or 0.1 for wheels with ramps.
     turns : int
         For wheels with ramps: number of turn rates, >= 2, for each of `speeds` + 1 speeds.
     aim : float
@@ -56,20 +58,22 @@ class Dwa(Follow):
 
     heading: float = 1.0
     dist: float = 2.0
-    vel: float = 1.1
+    vel: float | None = None
     horizon: float = 3.0
     look_ahead: float = 2.0
     directions: int = 36
     speeds: int = 4
-    margin: float = 0.2
+    margin: float | None = None
     turns: int = 11
-    aim: float = 1.0
+    aim: float = 0.7
 
     def __post_init__(self) -> None:
-        checks.fields(self, "heading", "dist", "vel", low=0.0)
+        checks.fields(self, "heading", "dist", low=0.0)
         checks.fields(self, "horizon", "aim", low=0.0, open_low=True, unit="s")
         checks.fields(self, "look_ahead", low=0.0, open_low=True, unit="m")
-        checks.fields(self, "margin", low=0.0, unit="m")
+        for name, unit in (("vel", ""), ("margin", "m")):
+            if getattr(self, name) is not None:
+                checks.fields(self, name, low=0.0, unit=unit)
         self.directions = checks.integer("directions", self.directions, low=3, high=3600)
         self.speeds = checks.integer("speeds", self.speeds, low=1, high=100)
         self.turns = checks.integer("turns", self.turns, low=2, high=1000)
@@ -84,6 +88,9 @@ class Dwa(Follow):
         self.limits, self.terrain = robot.limits, terrain_of(task.grid)
         self.periods = math.ceil(self.horizon / robot.dt - 1e-9)
         self.rolls = robot.wheels and not robot.stepwise
+        vel, margin = (0.25, 0.1) if self.rolls else (1.1, 0.2)
+        self.speed_weight = vel if self.vel is None else self.vel
+        self.kept = margin if self.margin is None else self.margin
         self.turning = 0.0
 
     def act(self, observation: Observation) -> Command:
@@ -156,7 +163,7 @@ class Dwa(Follow):
         """Return the obstacles as they will be in `late` s, when the robot is in `state`."""
         xy, velocity = now(o)
         xy = xy + late * velocity
-        return Obstacles(xy, velocity, contact_radii(o, xy, (state.x, state.y), self.task.robot, self.margin))
+        return Obstacles(xy, velocity, contact_radii(o, xy, (state.x, state.y), self.task.robot, self.kept))
 
     def _value(self, o: Observation, target: XY, ends: NDArray[np.float64], free: NDArray[np.float64]) -> NDArray[np.float64]:
         moved = ends[:, 3:5] - o.xy
@@ -166,5 +173,5 @@ class Dwa(Follow):
         ahead = np.subtract(target, ends[:, 3:5])
         off = np.abs((direction - np.arctan2(ahead[:, 1], ahead[:, 0]) + math.pi) % (2 * math.pi) - math.pi)
         speed = ends[:, 2] / self.task.robot.v_max
-        value: NDArray[np.float64] = self.heading * (1 - off / math.pi) + self.dist * free / self.horizon + self.vel * speed
-        return value
+        value: NDArray[np.float64] = self.heading * (1 - off / math.pi) + self.dist * free / self.horizon
+        return value + self.speed_weight * speed
