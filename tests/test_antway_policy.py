@@ -508,3 +508,14 @@ def test_numbers_of_the_colony_of_controls_are_checked() -> None:
     for wrong in ({"archive": 0}, {"search": "anst"}, {"ants": -3}, {"block": 0.0}, {"horizon": math.nan}, {"xi": "x"}):
         with pytest.raises(BadParameter, match=next(iter(wrong))):
             ControlOptions(**wrong)
+
+
+def test_the_explanation_says_that_the_guard_brakes_because_of_the_clock_or_the_scan() -> None:
+    """And until when; after that, and with scans of now, it says nothing of them."""
+    policy = make_policy("antway")
+    policy.reset(Task(Grid(np.zeros((20, 40), dtype=bool), 0.25), RobotSpec(), (1.0, 2.5), (8.0, 2.5)), 0)
+    said, words = [], ("until 3.0 s, because the clock went back", "no scan of now")
+    for t, stamp in ((3.0, 3.0), (1.0, 1.0), (3.1, 3.1), (4.0, 3.2)):
+        policy.act(Observation(t, (1.0, 2.5), (0.0, 0.0), 0.0, Tracks.none(), stamp))
+        said.append([word in policy.explain().reason for word in words])
+    assert said == [[False, False], [True, False], [False, False], [False, True]]

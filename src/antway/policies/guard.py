@@ -163,7 +163,7 @@ class Guard:
         self.table, self.count = np.zeros((_TRACKS, TABLE_COLUMNS)), 0
         self.tracks, self.spread = np.empty((_TRACKS, COLUMNS)), np.zeros(_TRACKS)
         self.last_stamp = -math.inf
-        self.did = ""
+        self.did = self.why = ""
         self.dynamic: _Dynamic | None = None
         self.set_robot(task)
 
@@ -178,7 +178,7 @@ class Guard:
         self._kernel = entry(guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.rules)
 
     def limit(self, observation: Observation, command: Command | None) -> Command:
-        """Return the command that passes; `did` then says what the guard did.
+        """Return the command that passes; `did` then says what the guard did, and `why` if time is the reason.
 
         For None that is the next command of the stop that the guard keeps certified, by which a robot stops at any time.
 
@@ -201,9 +201,13 @@ class Guard:
         """
         o, robot = observation, self.task.robot
         stamp = o.sensed_at
+        self.why = ""
+        if stamp < self.last_stamp:
+            self.why = f"the guard brakes until {self.last_stamp:.1f} s, because the clock went back"
+        elif not -_EARLY <= o.t - stamp <= self.timeout:
+            self.why = "the guard brakes, because there is no scan of now"
         if (
-            not -_EARLY <= o.t - stamp <= self.timeout
-            or stamp < self.last_stamp
+            self.why
             or command is None
             or not all(map(math.isfinite, command.velocity if command.twist is None else command.twist))
         ):

@@ -399,8 +399,8 @@ class AntwayPolicy:
                 s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
             )
             s.decision = explain(situation, s.path, arrival - t, bound - t, s.guard_did, self.pheromone(), self.memory())
-            learnt = [str(s.response), _DOUBT if s.tracker.doubts_velocities else ""]
-            s.decision = replace(s.decision, reason="; ".join([s.decision.reason, *filter(None, learnt)]))
+            why, doubt = self.guard.why if self.guard else "", _DOUBT if s.tracker.doubts_velocities else ""
+            s.decision = replace(s.decision, reason="; ".join(filter(None, (s.decision.reason, why, str(s.response), doubt))))
         return s.decision
 
     def planned(self) -> TimedPath | None:
