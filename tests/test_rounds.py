@@ -336,13 +336,24 @@ def test_a_last_stop_within_the_goal_ends_the_rounds(drive: str, rates: dict) ->
 
 @pytest.mark.parametrize("policy", ["antway", "paper", "replan"])
 def test_a_stop_on_which_somebody_stands_is_visited_once_he_leaves(policy: str) -> None:
+    """Meanwhile the robot visits the others."""
     stop = (3.0, 5.0)
     stands = Replay((0.0, 2.0, 30.0, 35.0), ((3.0, 3.0), stop, stop, (3.0, 2.5)))
     scenario = hall(stops=(Stop(stop, "ward"), Stop((5.0, 5.0), "desk")), obstacles=(Obstacle(0.4, stands),), horizon=90.0)
     result = run(scenario, policy, seed=0)
     check_episode(result)
     assert result.outcome is Outcome.REACHED
-    assert 30.0 < result.time < 60.0
+    arrivals = {visit.stop: visit.arrival for visit in result.rounds.visits}
+    assert arrivals[1] < 20.0 and 30.0 < arrivals[0] <= result.time < 60.0
+
+
+def test_a_stop_on_which_somebody_stands_comes_last() -> None:
+    """The robot does not wait there while it could visit others."""
+    ward = (2.5, 3.0)
+    stops, stands = (Stop(ward, "ward"), Stop((4.5, 5.0), "desk")), Obstacle(0.4, Line(ward, ward, 0.0))
+    rounds = run(hall(stops=stops, obstacles=(stands,), horizon=7.0), "replan", seed=0).rounds
+    assert [turn.order for turn in rounds.turns] == [(0, 1), (1, 0)]
+    assert [visit.stop for visit in rounds.visits] == [1]
 
 
 def test_who_stands_is_told_by_places() -> None:

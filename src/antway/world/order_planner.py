@@ -82,8 +82,15 @@ class OrderPlanner:
         places = [*(stop.at for stop in self.stops), self.task.goal]
         return stop_distances(grid, [nearest_cell(grid, place) for place in places])
 
+    def occupied(self, place: XY) -> bool:
+        """Tell whether standing obstacles keep the robot farther from a place than the goal's tolerance."""
+        near, now = (self.present.centre(nearest_cell(grid, place)) for grid in (self.inflated, self.present))
+        return math.dist(near, now) > self.task.goal_tolerance
+
     def path_length(self, start: XY, end: XY) -> float:
-        """Return the length of the present path, m."""
+        """Return the length of the present path, m; very long if there is none, or the end is occupied."""
+        if self.occupied(end):
+            return _FAR
         source, target = nearest_cell(self.present, start), nearest_cell(self.present, end)
         return float(min(distance_field(self.present, target, until=source)[source], _FAR))
 
@@ -125,11 +132,13 @@ class OrderPlanner:
     def improve(self, xy: XY, now: float, remaining: Sequence[int], order: Sequence[int]) -> tuple[list[int], Outlook]:
         """Search for the best order of the remaining stops, and take it in place of `order` if it is clearly better.
 
-        Stops that cannot be reached at present come last, and the outlook leaves them out.
+        Stops that cannot be reached at present, or are occupied, come last, and the outlook leaves them out.
         """
         times = self.travel_times(xy, remaining)
         row = {stop: k + 1 for k, stop in enumerate(remaining)}
-        reachable = [stop for stop in remaining if math.isfinite(times[0, row[stop]])]
+        reachable = [
+            stop for stop in remaining if math.isfinite(times[0, row[stop]]) and not self.occupied(self.stops[stop].at)
+        ]
         unreachable = [stop for stop in remaining if stop not in reachable]
         kept = [stop for stop in order if stop not in unreachable]
         rows = [0, *(row[stop] for stop in reachable), -1]

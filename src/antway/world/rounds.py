@@ -33,9 +33,10 @@ class RoundsPolicy:
     """A policy that visits stops, and drives to each of them by another policy.
 
     The order minimises first the lateness and then the end time, with travel times at 0.85 of the top speed. It is revised at
-    each departure; when the robot becomes late; when an obstacle that has stood for 3 s blocks the path to the next stop or
-    makes it longer; and when a stop is added. The robot takes another order only if that avoids lateness, is 0.5 s less late or
-    ends 3 s earlier. For up to 13 stops a dynamic program finds the order; for more the colony continues from its last answer.
+    each departure; when the robot becomes late; when an obstacle that has stood for 3 s is on the next stop, blocks the path to
+    it or makes it longer; and when a stop is added. The robot takes another order only if that avoids lateness, is 0.5 s less
+    late or ends 3 s earlier. For up to 13 stops a dynamic program finds the order; for more the colony continues from its last
+    answer.
 
     Parameters
     ----------
