@@ -256,6 +256,9 @@ def test_spends_no_more_than_it_may() -> None:
     begun = time.process_time()
     answer = order_stops(matrix, seconds=0.2, windows=np.tile([0.0, 100.0], (many, 1)), robots=3)
     assert time.process_time() - begun < 4.0 and len(np.unique(np.concatenate(answer.orders))) == many
+    begun = time.process_time()
+    answer = order_stops(matrix, seconds=0.2, windows=windows, initial=[0])
+    assert time.process_time() - begun < 4.0 and sorted(answer.orders[0]) == list(range(many))
     matrix = np.repeat(np.repeat(matrix, 4, axis=0), 4, axis=1) * rng.uniform(1.0, 1.1, (4 * many, 4 * many))
     begun = time.process_time()
     answer = order_stops(matrix, seconds=0.2)

@@ -19,7 +19,7 @@ from antway import BadInput, BadMap, BadParameter, InvalidPlan, TooLarge, check_
 from antway.cli import main
 from antway.kernels.base import rng as random_kernel
 from antway.kernels.colony import windows as kernel
-from antway.kernels.colony.window_repair import lateness, repair
+from antway.kernels.colony.window_repair import lateness, least_late_place, repair
 from antway.kernels.colony.window_search import MoveOptions, refresh, settle, shake, timed_order, value
 from antway.tours.time_windows import Tsptw, parse
 from antway.tours.windowed import Path
@@ -218,6 +218,20 @@ def test_repair_finds_orders_in_time() -> None:
         best = naive.best(instance.matrix.tolist(), instance.windows.tolist(), False)
         found += (late == 0.0) == (best < math.inf)
     assert found > 0.9 * case
+
+
+def test_a_stop_is_inserted_where_the_order_is_least_late_then_shortest() -> None:
+    rng = np.random.default_rng(3)
+    for case in range(60):
+        n = int(rng.integers(3, 9))
+        away, opens = np.round(rng.uniform(1.0, 9.0, (n, n))), np.round(rng.uniform(0.0, 9.0, n))
+        closes = opens + rng.integers(0, 40, n)
+        order = np.array([0, *(1 + rng.permutation(n - 3)), n - 1], dtype=np.int32)
+        windows = np.c_[opens, closes].tolist()
+        trials = [np.insert(order, p, n - 2).tolist() for p in range(1, n - 1)]
+        costs = [naive.drive(away.tolist(), windows, trial) for trial in trials]
+        best = min(range(len(trials)), key=lambda k: (costs[k][2], costs[k][0]))
+        assert least_late_place(away, opens, closes, order, n - 2) == best + 1, case
 
 
 def test_local_search_in_slices_is_the_same() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from antway.kernels.colony.window_colony import TAU_0
+from antway.kernels.colony.window_repair import least_late_place
 from antway.planning import Clock
 from antway.tours.fleet import inner_places, layout
 from antway.tours.stops import Floats, Order, Stops
@@ -26,7 +27,7 @@ def best_order(
     first = None
     if initial is not None:
         (kept,), missing = inner_places(rows, [initial])
-        first = _inserted(path, [0, *kept, m - 1], missing)
+        first = _inserted(path, [0, *kept, m - 1], missing, clock)
     makespan = stops.objective == "makespan"
     found = search(path, clock, makespan=makespan, cycles=cycles, seed=seed, initial=first, pheromone=tau)
     proven = found.proven and found.late == 0.0
@@ -48,12 +49,14 @@ def best_order(
     return order.astype(np.int32), proven, learned
 
 
-def _inserted(path: Path, order: list[int], missing: list[int]) -> Order:
-    """Insert the missing stops where the order becomes least late, then shortest."""
+def _inserted(path: Path, known: list[int], missing: list[int], clock: Clock) -> Order:
+    """Insert the missing stops where the order becomes least late, then shortest; once the clock is spent only shortest."""
+    order, time = np.array(known, dtype=np.int32), path.finite
     for stop in missing:
-        trials = [[*order[:p], stop, *order[p:]] for p in range(1, len(order))]
-        costs = [
-            (path.late(np.array(trial, dtype=np.int32)), float(path.finite[trial[:-1], trial[1:]].sum())) for trial in trials
-        ]
-        order = trials[min(range(len(trials)), key=costs.__getitem__)]
-    return np.array(order, dtype=np.int32)
+        if clock.spent():
+            here, then = order[:-1], order[1:]
+            place = 1 + int(np.argmin(time[here, stop] + time[stop, then] - time[here, then]))
+        else:
+            place = least_late_place(time, path.opens, path.closes, order, stop)
+        order = np.insert(order, place, stop)
+    return order

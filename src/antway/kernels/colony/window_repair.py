@@ -38,6 +38,23 @@ def move(order: Ids, p: int, q: int) -> None:
     order[q] = stop
 
 
+@kernel
+def least_late_place(time: Floats, opens: Floats, closes: Floats, order: Ids, stop: int) -> int:
+    """Return the place at which to insert `stop` into `order` so that it becomes least late, then shortest."""
+    trial = np.empty(len(order) + 1, dtype=np.int32)
+    trial[0], trial[1] = order[0], stop
+    for p in range(1, len(order)):
+        trial[p + 1] = order[p]
+    best, least, place = np.inf, np.inf, 1
+    for p in range(1, len(order)):
+        late = lateness(time, opens, closes, trial, best)
+        detour = time[order[p - 1], stop] + time[stop, order[p]] - time[order[p - 1], order[p]]
+        if late < best or (late == best and detour < least):
+            best, least, place = late, detour, p
+        trial[p], trial[p + 1] = trial[p + 1], trial[p]
+    return place
+
+
 @bare_kernel
 def descend(time: Floats, opens: Floats, closes: Floats, order: Ids, late: float, work: int, state: rng.State) -> float:
     """Move single stops as long as that reduces the lateness, or until `work` is done; return the lateness."""
