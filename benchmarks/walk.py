@@ -227,7 +227,7 @@ def show(title: str, rows: dict[str, Any]) -> None:
     print(f"\n{title}")
     for name, row in rows.items():
         cells = row.items() if isinstance(row, dict) else [("", row)]
-        print(f"  {name:32}" + "  ".join(f"{key} {value:.3f}".strip() for key, value in cells))
+        print(f"  {name:34}" + "  ".join(f"{key} {value:.3f}".strip() for key, value in cells))
 
 
 def rules() -> None:
@@ -273,6 +273,8 @@ def main() -> None:
         result["persistence on 30 x 30, optimum 44.527"] = paper(seeds)
         result["immune operator on 30 x 30, optimum 44.527"] = immunity(seeds)
         result["shared grids, default ants"] = grids(seeds)
+    else:
+        print(f"no {DATA}: the persistence, the immune operator and the shared grids are left out")
     for title, rows in result.items():
         show(title, rows)
     if given.json:
