@@ -248,7 +248,7 @@ def test_filter_is_the_textbook_one() -> None:
         xy = np.array([[t * 0.5, 1.0 - t * 0.2]]) + rng.normal(0.0, 0.05, (1, 2))
         variance = np.array([[0.0025, 0.0]])
         scan = np.array([3]), xy, nan, np.array([0.3]), variance
-        n, fastest, measured = track.update(table, t, *scan, 1.0, estimates)
+        n, fastest, measured = track.update(*table[:2], t, *scan, 1.0, estimates)
         if not twins:
             twins = [naive.Kalman(z, 0.0, 0.0025, 1.0) for z in xy[0]]
         else:
@@ -271,7 +271,7 @@ def test_who_turns_has_his_new_velocity_in_two_scans() -> None:
     for i in range(12):
         velocity = np.array([0.9, 0.1] if i <= 6 else [-0.5, 0.6])
         scan = np.array([3]), at[None], nan, np.array([0.3]), variance
-        track.update(table, 0.1 * i, *scan, 1.0, estimates)
+        track.update(*table[:2], 0.1 * i, *scan, 1.0, estimates)
         off.append(float(np.hypot(*(estimates[0, 2:4] - velocity))))
         at = at + (0.06 * np.array([0.9, 0.1]) + 0.04 * np.array([-0.5, 0.6]) if i == 6 else 0.1 * velocity)
     assert estimates[0, 6] < track.UNKNOWN and max(off[1:7]) < 0.01 and off[7] > 0.3 and max(off[8:]) < 0.02
@@ -285,13 +285,13 @@ def test_a_radius_grows_at_once_and_shrinks_slowly() -> None:
         xy, velocity = np.array([[0.1 * i, 0.0], [0.1 * i, 5.0]]), np.array([[1.0, 0.0], [1.0, 0.0]])
         radius = np.array([0.3, 0.3 * rng.uniform(0.8, 1.2)])
         scan = np.array([3, 4]), xy, velocity, radius, variance
-        track.update(table, 0.1 * i, *scan, 1.0, estimates)
+        track.update(*table[:2], 0.1 * i, *scan, 1.0, estimates)
         assert estimates[0, RADIUS] == 0.3 and estimates[1, RADIUS] >= radius[1]
         found.append(estimates[1, RADIUS])
     assert np.quantile(found[10:], 0.02) >= 0.3 and max(found) <= 0.36
     for i in range(200, 240):
         scan = np.array([4]), np.array([[0.1 * i, 5.0]]), np.array([[1.0, 0.0]]), np.array([0.2]), variance[:1]
-        track.update(table, 0.1 * i, *scan, 1.0, estimates)
+        track.update(*table[:2], 0.1 * i, *scan, 1.0, estimates)
     assert estimates[0, RADIUS] == pytest.approx(0.2, abs=0.01)
 
 

@@ -132,11 +132,15 @@ def test_lines_of_all_are_those_of_each() -> None:
         n = int(rng.integers(1, 12))
         rows = np.zeros((n, crowd.COLUMNS))
         rows[:, :2], rows[:, 2:4], rows[:, 4] = rng.uniform(-4.0, 4.0, (n, 2)), rng.uniform(-1.0, 1.0, (n, 2)), 0.3
-        every, many, alone = np.empty((n, n, 4)), np.empty(n, np.int64), np.empty((n, 4))
-        crowd._all_lines(rows, STEP_TIME, every, many)
+        every, many = np.empty((n, n, 4)), np.empty(n, np.int64)
+        crowd._lines(rows, STEP_TIME, every, many)
         for k in range(n):
-            count = crowd._lines(rows, k, STEP_TIME, alone)
-            assert many[k] == count and (every[k, :count] == alone[:count]).all()
+            alone = []
+            for away in np.delete(rows, k, 0)[:, :4] - rows[k, :4]:
+                if math.hypot(*away[:2]) <= 10.0:
+                    x, y, dx, dy = orca.half_plane(*away[:2], *-away[2:4], 0.3 + 0.3 + 2 * 0.01, 5.0, STEP_TIME)
+                    alone.append([rows[k, 2] + x, rows[k, 3] + y, dx, dy])
+            assert many[k] == len(alone) and every[k, : many[k]].tolist() == alone
 
 
 @pytest.mark.parametrize("speed", [1.0, 0.0])

@@ -178,8 +178,9 @@ class Tracker:
         seen, self.next_name = with_names(seen, t, self.table, self.next_name)
         variance = np.column_stack((np.full(len(seen), self.noise**2), np.zeros(len(seen))))
         scan = seen.id, seen.xy, seen.velocity, seen.radius, variance
-        known, _, _ = kalman.update(self.table, t, *scan, self.agility, self.estimates)
-        table, estimate = self.table.rows[:known], self.estimates[:known]
+        rows, used, _ = self.table
+        known, _, _ = kalman.update(rows, used, t, *scan, self.agility, self.estimates)
+        table, estimate = rows[:known], self.estimates[:known]
         covariance = np.zeros((known, 4, 4))
         age = t - table[:, kalman.T]
         for place, speed in ((0, 2), (1, 3)):

@@ -71,5 +71,5 @@ def entry(function: F, *sample: object) -> F:
 
 def call(function: Callable[P, R], *arguments: P.args, **none: P.kwargs) -> R:
     """Call the kernel `function` as `entry` compiles it, for the types of the arguments of its first call."""
-    compiled: Callable[..., R] = entry(function, *arguments)
+    compiled: Callable[..., R] = _entries.get(function) or entry(function, *arguments)
     return compiled(*arguments)

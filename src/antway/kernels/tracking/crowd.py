@@ -43,45 +43,20 @@ _DECAY = 0.8  # 1; share of the sum of squared errors that is left after each sc
 
 
 @bare_kernel
-def _near(rows: NDArray[np.float64], k: int, j: int) -> bool:
-    """Tell whether the people k and j are near enough to avoid each other."""
-    ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
-    return bool(ax * ax + ay * ay <= _NEAR * _NEAR)
+def _lines(rows: NDArray[np.float64], step: float, lines: NDArray[np.float64], count: NDArray[np.int64]) -> None:
+    """Write the lines that restrict the velocity of each person k among all of `rows` to lines[k, : count[k]].
 
-
-@bare_kernel
-def _half_plane(rows: NDArray[np.float64], k: int, j: int, step: float) -> tuple[float, float, float, float]:
-    """Return the line that person j imposes on the velocity of person k, relative to that velocity."""
-    ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
-    contact_radius = rows[k, RADIUS] + rows[j, RADIUS] + 2 * _SKIN
-    return half_plane(ax, ay, rows[k, VX] - rows[j, VX], rows[k, VY] - rows[j, VY], contact_radius, _HORIZON, step)
-
-
-@bare_kernel
-def _lines(rows: NDArray[np.float64], k: int, step: float, lines: NDArray[np.float64]) -> int:
-    """Write the lines that restrict the velocity of person k among all of `rows`; return how many there are."""
-    n = 0
-    for j in range(len(rows)):
-        if j == k or not _near(rows, k, j):
-            continue
-        x, y, dx, dy = _half_plane(rows, k, j, step)
-        lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3] = rows[k, VX] + x, rows[k, VY] + y, dx, dy
-        n += 1
-    return n
-
-
-@bare_kernel
-def _all_lines(rows: NDArray[np.float64], step: float, lines: NDArray[np.float64], count: NDArray[np.int64]) -> None:
-    """Write the lines of each person k, as `_lines` does, to lines[k, : count[k]].
-
-    The lines of two people are symmetric, so each pair is computed once.
+    The lines of two people are symmetric, so each pair is computed once. A contact is to end within `step` s.
     """
     count[:] = 0
     for k in range(len(rows)):
         for j in range(k + 1, len(rows)):
-            if not _near(rows, k, j):
+            ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
+            if ax * ax + ay * ay > _NEAR * _NEAR:
                 continue
-            x, y, dx, dy = _half_plane(rows, k, j, step)
+            ux, uy = rows[k, VX] - rows[j, VX], rows[k, VY] - rows[j, VY]
+            contact_radius = rows[k, RADIUS] + rows[j, RADIUS] + 2 * _SKIN
+            x, y, dx, dy = half_plane(ax, ay, ux, uy, contact_radius, _HORIZON, step)
             n, m = count[k], count[j]
             lines[k, n, 0], lines[k, n, 1], lines[k, n, 2], lines[k, n, 3] = rows[k, VX] + x, rows[k, VY] + y, dx, dy
             lines[j, m, 0], lines[j, m, 1], lines[j, m, 2], lines[j, m, 3] = rows[j, VX] - x, rows[j, VY] - y, -dx, -dy
@@ -199,15 +174,17 @@ def foresee(
     if n > _MOST:
         table.used[0] = 0
         return
-    people, work, out = np.zeros((n, COLUMNS)), np.empty((max(n, table.used[0]), 4)), np.empty(2)
-    _update(table, estimates, t, preferred_speed, work, people)
+    most = max(n, table.used[0])
+    lines, line_count = np.empty((most, most, 4)), np.empty(most, np.int64)
+    people, work, out = np.zeros((n, COLUMNS)), np.empty((n, 4)), np.empty(2)
+    _update(table, estimates, t, preferred_speed, lines, line_count, people)
     for k in range(n):
         copy_row(people[k], rows[k])
     table.used[0] = n
     avoiding = people[:, _ORCA_ERROR].sum() < _BETTER * people[:, _CONSTANT_ERROR].sum()
-    lines, line_count, after = np.empty((n, n, 4)), np.empty(n, np.int64), people.copy()
+    after = people.copy()
     for s in range(STEPS if avoiding else 1):
-        _all_lines(people, STEP_TIME, lines, line_count)
+        _lines(people, STEP_TIME, lines, line_count)
         for k in range(n):
             _avoid(people[k], preferred_speed, lines[k], line_count[k], out, work)
             if s == 0:
@@ -230,22 +207,25 @@ def _update(
     t: float,
     preferred_speed: float,
     lines: NDArray[np.float64],
+    line_count: NDArray[np.int64],
     out: NDArray[np.float64],
 ) -> None:
-    """Write to `out` the rows of the people of one scan, updated from those before it; `lines` is scratch."""
+    """Write to `out` the rows of the people of one scan, updated from those before it; `lines` and `line_count` are scratch."""
+    known = table.rows[: table.used[0]]
+    dt = t - known[0, _SEEN] if len(known) > 0 else 0.0  # all were seen in the scan before
+    if dt > 0.0:
+        _lines(known, max(dt, 0.01), lines, line_count)
     for k in range(len(estimates)):
         row = out[k]
         before = row_of(table, estimates[k, NAME]) if estimates[k, NAME] >= 0.0 else -1
         if before >= 0:
-            copy_row(table.rows[before], row)
-            dt = t - row[_SEEN]
+            copy_row(known[before], row)
             if dt > 0.0:
                 vx, vy = estimates[k, VX], estimates[k, VY]
-                n = _lines(table.rows[: table.used[0]], before, max(dt, 0.01), lines)
                 if row[_A11] + row[_A22] > 0.0:  # only predictions with a known goal are compared
                     row[_CONSTANT_ERROR] = _DECAY * row[_CONSTANT_ERROR] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
                     row[_ORCA_ERROR] = _DECAY * row[_ORCA_ERROR] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2
-                _learn_goal(row, vx, vy, preferred_speed, lines, n)
+                _learn_goal(row, vx, vy, preferred_speed, lines[before], line_count[before])
         copy_row(estimates[k], row[:8])
         row[_SEEN] = t
 

@@ -28,7 +28,8 @@ _TURNED = 4.0  # standard deviations; a track farther than this from its predict
 
 @kernel
 def update(
-    table: Table,
+    rows: NDArray[np.float64],
+    used: NDArray[np.int64],
     t: float,
     name: NDArray[np.int64],
     xy: NDArray[np.float64],
@@ -44,8 +45,8 @@ def update(
 
     Parameters
     ----------
-    table : Table
-        The track table, [M, COLUMNS] with names in NAME.
+    rows, used : float64[M, COLUMNS], int64[1]
+        Of the track table, whose names are in NAME; Python hands on two arrays faster than the record.
     t : float
         Time of the scan, s.
     name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
@@ -58,7 +59,7 @@ def update(
     estimates : float64[N, 8]
         Filled with the tracks that were seen within the last second, predicted to time `t`.
     """
-    measured, fastest = True, 0.0
+    table, measured, fastest = Table(rows, used, NAME), True, 0.0
     for k in range(len(name)):
         i, is_new = row_or_oldest(table, float(name[k]))
         row = table.rows[i]
@@ -114,14 +115,16 @@ def update(
 
 
 @kernel
-def needs_names(table: Table, t: float, name: NDArray[np.int64], xy: NDArray[np.float64]) -> bool:
+def needs_names(
+    rows: NDArray[np.float64], used: NDArray[np.int64], t: float, name: NDArray[np.int64], xy: NDArray[np.float64]
+) -> bool:
     """Tell whether a track has no name, or is farther than `FAR` from where the one of its name was predicted at time `t` s."""
     for k in range(len(name)):
         if name[k] < 0:
             return True
-        i = row_of(table, float(name[k]))
+        i = row_of(Table(rows, used, NAME), float(name[k]))
         if i >= 0:
-            row, age = table.rows[i], t - table.rows[i, T]
+            row, age = rows[i], t - rows[i, T]
             if math.hypot(xy[k, 0] - row[X] - row[VX] * age, xy[k, 1] - row[Y] - row[VY] * age) > FAR:
                 return True
     return False

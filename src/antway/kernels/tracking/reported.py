@@ -22,7 +22,8 @@ _FAR = 0.5  # s; an older measurement is not compared
 
 @kernel
 def wrong(
-    table: Table,
+    rows: NDArray[np.float64],
+    used: NDArray[np.int64],
     state: NDArray[np.float64],
     t: float,
     name: NDArray[np.int64],
@@ -35,8 +36,8 @@ def wrong(
 
     Parameters
     ----------
-    table : Table
-        The last measurement of each track, [M, COLUMNS].
+    rows, used : float64[M, COLUMNS], int64[1]
+        Of the table with the last measurement of each track; Python hands on two arrays faster than the record.
     state : float64[3]
         Number of comparisons, and the sums of both errors, m/s; zeros at first.
     t, name, xy, velocity
@@ -44,8 +45,8 @@ def wrong(
     """
     for k in range(len(name)):
         px, py = math.nan, math.nan
-        i, is_new = row_or_oldest(table, float(name[k]))
-        row = table.rows[i]
+        i, is_new = row_or_oldest(Table(rows, used, NAMED), float(name[k]))
+        row = rows[i]
         if not is_new:
             dt = t - row[SEEN]
             if dt <= 0.0:

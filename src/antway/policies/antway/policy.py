@@ -229,7 +229,8 @@ class AntwayPolicy:
             if what != KEPT:
                 s.path = self._planned()
         if s.decision is None:
-            s.cycle, s.guard_did = Cycle(observation, *s.plan.state[[ARRIVAL, BOUND]].tolist()), guard_did
+            state = s.plan.state.tolist()
+            s.cycle, s.guard_did = Cycle(observation, state[ARRIVAL], state[BOUND]), guard_did
         self.sent(observation, command)
         return command
 

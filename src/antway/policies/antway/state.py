@@ -211,7 +211,8 @@ def most_segments(tracks: int) -> int:
 def fit_tables(s: State, tracks: int) -> None:
     """Make the tables of tracks longer, up to MOST_ROWS, if the `tracks` of a scan and all known before might not fit."""
     tracker, c = s.tracker, s.crowd
-    needed = max(int(table.used[0]) for table in (tracker.table, tracker.averages, c.people, c.stored)) + tracks
+    used = tracker.table.used, tracker.averages.used, c.people.used, c.stored.used
+    needed = max([one.item() for one in used]) + tracks
     n = min(2 * needed, MOST_ROWS)
     if needed <= len(tracker.table.rows) or n <= len(tracker.table.rows):
         return

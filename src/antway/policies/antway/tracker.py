@@ -68,7 +68,7 @@ class Tracker:
             seen = replace(seen, tracks=nearest(seen.tracks, seen.xy))
         tracks, self._next_name = with_names(seen.tracks, t, self.table, self._next_name)
         if tracks.covariance is None:
-            wrong = reported.wrong(self._last, self._errors, t, tracks.id, tracks.xy, tracks.velocity)
+            wrong = reported.wrong(*self._last[:2], self._errors, t, tracks.id, tracks.xy, tracks.velocity)
             if wrong != self.doubts_velocities:
                 self.doubts_velocities = wrong
                 self._forget()
@@ -84,7 +84,8 @@ class Tracker:
     def update(self, tracks: Tracks, t: float) -> None:
         """Update the estimates with a scan at time `t` s."""
         scan = tracks.id, tracks.xy, tracks.velocity, tracks.radius, self._variances(tracks, t)
-        known, fastest, self._has_velocities = kalman.update(self.table, t, *scan, _AGILITY, self._estimates)
+        rows, used, _ = self.table
+        known, fastest, self._has_velocities = kalman.update(rows, used, t, *scan, _AGILITY, self._estimates)
         self.estimates, self.fastest = self._estimates[:known], max(self.fastest, fastest)
 
     @property
@@ -122,12 +123,12 @@ class Tracker:
             # Many trackers state errors that are far too large. What a filter shows is smoother than its errors.
             if not self._strict and len(tracks) and not filtered.any():
                 self._noise[0] = self._noise[0] or noise.MEDIAN * float(np.median(variance[:, 0]))
-                shown = noise.place_noise(self._measured, self._noise, t, tracks.id, tracks.xy, tracks.velocity)
+                shown = noise.place_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
                 variance *= np.minimum(shown / np.maximum(variance[:, :1], 1e-12), 1.0)
                 variance[:, 1] = np.minimum(variance[:, 1], _MEASURED)
             variance[filtered] *= -1.0
         else:
-            variance[:, 0] = noise.place_noise(self._measured, self._noise, t, tracks.id, tracks.xy, tracks.velocity)
+            variance[:, 0] = noise.place_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
             variance[:, 1] = 0.0
         return variance
 
@@ -187,7 +188,7 @@ def with_names(tracks: Tracks, t: float, table: Table, first: int) -> tuple[Trac
     first : int
         New names are the least from here on that nobody has.
     """
-    if first <= NAMELESS and not kalman.needs_names(table, t, tracks.id, tracks.xy):
+    if first <= NAMELESS and not kalman.needs_names(*table[:2], t, tracks.id, tracks.xy):
         return tracks, first
     rows = rows_in_use(table)
     age = t - rows[:, kalman.T]
