@@ -229,8 +229,7 @@ class AntwayPolicy:
             if what != KEPT:
                 s.path = self._planned()
         if s.decision is None:
-            state = s.plan.state.tolist()
-            s.cycle, s.guard_did = Cycle(observation, state[ARRIVAL], state[BOUND]), guard_did
+            s.cycle, s.guard_did = Cycle(observation, s.plan.state.item(ARRIVAL), s.plan.state.item(BOUND)), guard_did
         self.sent(observation, command)
         return command
 
@@ -302,14 +301,13 @@ class AntwayPolicy:
         delay, acting_at, robot = acting(o, s.task.robot)
         self._plan(acting_at, o.t - o.sensed_at + delay)
         n, m, known = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), len(s.tracker.estimates)
-        arrival = float(s.plan.state[ARRIVAL])
         turns = s.tracker.count_turns(o.sensed_at, s.terrain)
         sigma = s.controls.deviations(
             s.tracker.estimates, s.crowd.velocity_error[:known], distrust(s.crowd.pool, s.crowd.missed), turns
         )
         segments = s.plan.segments[:m].copy()  # rollouts expect the disc around the body, and look up how far that extends
         segments[:, CONTACT_RADIUS] += s.task.robot.radius - s.settings.tubes.robot_radius
-        command = s.controls.act(o, acting_at.t, robot, segments, sigma, s.plan.knots[:n], arrival, turns)
+        command = s.controls.act(o, acting_at.t, robot, segments, sigma, s.plan.knots[:n], s.plan.state.item(ARRIVAL), turns)
         return command, KEPT if s.controls.same_path() else NEW
 
     def _plan(self, o: Observation, age: float) -> tuple[float, float, int]:
