@@ -100,7 +100,7 @@ def test_a_failing_policy_ends_as_error_with_the_robot_stopped() -> None:
 
     class Unready(Steer):
         def reset(self, task, seed):
-            raise ValueError("no map")
+            raise ValueError("no\n  map")
 
     reason = run(crossing(), Unready(east)).reason
     assert reason.startswith("Unready at reset: ValueError: no map (test_episode.py, line ") and reason.endswith(", in reset)")

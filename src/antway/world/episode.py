@@ -300,7 +300,7 @@ def _checked(decision: object) -> Decision:
 
 
 def _message(error: BaseException) -> str:
-    """Return the message of an exception, and the last Python frame of its traceback."""
+    """Return the message of an exception in one line, and the last Python frame of its traceback."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno}, in {frames[-1].name})" if frames else ""
-    return f"{type(error).__name__}: {error}{where}"
+    return f"{type(error).__name__}: {' '.join(str(error).split())}{where}"
