@@ -38,8 +38,8 @@ class Detours:
     contexts : sequence of PlanningContext
         The maps for which there are such times; by the first, the robot's progress is judged.
     narrow : sequence of PlanningContext or None
-        Those for a disc as narrow as the robot, which passes obstacles lengthwise; None if they are the same. They are tried
-        first where the robot is held up, and after that those of `contexts` and these by turns.
+        Those for a disc as narrow as the robot, which passes obstacles lengthwise; None if they are the same. Where the robot
+        is held up and they lead past what stays, they are tried first, then those of `contexts` and these by turns.
 
     Attributes
     ----------
@@ -113,11 +113,21 @@ class Detours:
         if not (long.any() or self.expects):
             return False
         self._expected = _stays(rows[long])
-        self.contexts = contexts if self._expected else self.wide
         self._before, self._known = self._known, {}
-        self.times = [self._times(context, rows[long], stay[long]) for context in self.contexts]
-        self._nearest = self._time_to_go(xy)
+        self._count_with(rows[long], stay[long], self.wide, xy)
+        if self._expected and contexts is not self.wide:
+            needed = self._nearest
+            self._count_with(rows[long], stay[long], contexts, xy)
+            if self._nearest > needed - _PROGRESS:  # the narrow disc passes nothing that the wide one does not
+                self._count_with(rows[long], stay[long], self.wide, xy)
         return True
+
+    def _count_with(
+        self, rows: NDArray[np.float64], stay: NDArray[np.float64], contexts: tuple[PlanningContext, ...], xy: XY
+    ) -> None:
+        """Let `times` be those of these contexts, where these obstacles are expected to stay for `stay` s."""
+        self.contexts, self.times = contexts, [self._times(context, rows, stay) for context in contexts]
+        self._nearest = self._time_to_go(xy)
 
     def _times(self, context: PlanningContext, rows: NDArray[np.float64], stay: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the times to the goal where these obstacles are expected to stay for `stay` s.
