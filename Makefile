@@ -56,21 +56,18 @@ test:
 	@$(MAKE) --no-print-directory -j3 warm browser ros
 	@$(MAKE) --no-print-directory -j2 check tests
 
-# Two processes, which take whole files, in the order of tests/conftest.py.
-SPREAD := -n 2 --dist loadfile --no-loadscope-reorder
-
 tests: $(READY)
-	$(BIN)/python -m pytest $(SPREAD) -rs
+	$(BIN)/python -m pytest -n 2 --dist loadfile -rs
 
 nightly: $(READY) browser ros
-	ANTWAY_TEST_SCALE=100 $(BIN)/python -m pytest $(SPREAD) -rs
+	ANTWAY_TEST_SCALE=100 $(BIN)/python -m pytest -n 2 --dist loadfile -rs
 
 # The whole suite with every index of every kernel checked, and with kernels as plain Python, which takes hours.
 bounds: $(READY)
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(VENV)/.bounds $(BIN)/python -m pytest $(SPREAD) -rs --timeout 3600
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(VENV)/.bounds $(BIN)/python -m pytest -n 2 --dist loadfile -rs --timeout 3600
 
 plain: $(READY)
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest $(SPREAD) -rs --timeout 3600 \
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 --dist loadfile -rs --timeout 3600 \
 	    -W "ignore:overflow encountered:RuntimeWarning"
 
 clean:
