@@ -53,4 +53,5 @@ def _drive(robot: RobotSpec, policy: type[AntwayPolicy], mode: str) -> None:
     run(hall, policy(mode=mode))
     guard = Guard(mode=mode)
     guard.reset(hall.task)
-    guard.limit(Observation(0.0, hall.start, (0.0, 0.0), wrap(0.0), Tracks.none()), None)  # the stop
+    guard.limit(Observation(0.0, hall.start, (0.0, 0.0), 0.0, Tracks.none()), None)  # the stop
+    wrap(0.0)  # for the yaws of messages

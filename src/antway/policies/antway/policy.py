@@ -300,13 +300,13 @@ class AntwayPolicy:
         assert s.controls is not None
         delay, acting_at, robot = acting(o, s.task.robot)
         self._plan(acting_at, o.t - o.sensed_at + delay)
-        n, m, known = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), len(s.tracker.estimates)
-        turns = s.tracker.count_turns(o.sensed_at, s.terrain)
-        sigma = s.controls.deviations(
-            s.tracker.estimates, s.crowd.velocity_error[:known], distrust(s.crowd.pool, s.crowd.missed), turns
-        )
-        segments = s.plan.segments[:m].copy()  # rollouts expect the disc around the body, and look up how far that extends
-        segments[:, CONTACT_RADIUS] += s.task.robot.radius - s.settings.tubes.robot_radius
+        n, m, estimates = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), s.tracker.estimates
+        turns, doubt = s.tracker.count_turns(o.sensed_at, s.terrain), distrust(s.crowd.pool, s.crowd.missed)
+        sigma = s.controls.deviations(estimates, s.crowd.velocity_error[: len(estimates)], doubt, turns)
+        segments, narrower = s.plan.segments[:m], s.task.robot.radius - s.settings.tubes.robot_radius
+        if narrower > 0.0:  # the plan is for a narrow disc; rollouts expect the disc around the body
+            segments = segments.copy()
+            segments[:, CONTACT_RADIUS] += narrower
         command = s.controls.act(o, acting_at.t, robot, segments, sigma, s.plan.knots[:n], s.plan.state.item(ARRIVAL), turns)
         return command, KEPT if s.controls.same_path() else NEW
 
