@@ -139,9 +139,9 @@ def tsptw_command(
         result = solve_tsptw(instance, objective=kind, seconds=seconds, seed=seed)
         check_tsptw(instance, result.order, result.cost, objective=kind, feasible=result.feasible)
     if json:
+        facts = "cost", "feasible", "lateness", "conflict", "proven", "bound", "cycles"
         record: dict[str, Any] = {"file": str(file), "objective": kind, "order": result.order.tolist()}
-        record |= {name: getattr(result, name) for name in ("cost", "feasible", "lateness", "conflict")}
-        record |= {name: getattr(result, name) for name in ("proven", "bound", "cycles")}
+        record |= {name: getattr(result, name) for name in facts}
         print_json({**record, "seconds": result.elapsed})
     else:
         known = ""

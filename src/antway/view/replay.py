@@ -72,7 +72,8 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
     decisions = [_decision(step, decision, box, masks, heaps) for step, decision in trace.decisions]
     return {
         "version": __version__,
-        **{name: getattr(trace, name) for name in ("scenario", "policy")},
+        "scenario": trace.scenario,
+        "policy": trace.policy,
         "seed": str(trace.seed),
         "outcome": trace.outcome.value,
         "reason": trace.reason,

@@ -25,7 +25,7 @@ from antway.world.robots import towards
 from antway.world.timeline import Timeline
 
 XY = tuple[float, float]  # m, or m/s
-BOUNDS = ("goal_tolerance", "obstacle_speed", "obstacle_surge", "obstacle_swerve")  # of a task, in scenarios and traces too
+BOUNDS = ("goal_tolerance", "obstacle_speed", "obstacle_surge", "obstacle_swerve")  # of a task, and of a scenario
 
 
 @dataclass(frozen=True, slots=True)

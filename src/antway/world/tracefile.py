@@ -20,7 +20,7 @@ from antway.grid import Grid
 from antway.limits import MAX_DEPTH, MAX_LISTS, MAX_PLACE
 from antway.planning import TimedPath
 from antway.reading import Unpacked, check_nesting, read_text
-from antway.world.policy import BOUNDS, Decision, RobotSpec, Task
+from antway.world.policy import Decision, RobotSpec, Task
 from antway.world.stops import Rounds, Stop, Turn, Visit
 from antway.world.timeline import COLUMNS, Timeline
 
@@ -48,7 +48,9 @@ def to_json(trace: Trace, *, timing: bool = False) -> str:
     record = {
         "format": FORMAT,
         "version": VERSION,
-        **{name: getattr(trace, name) for name in ("policy", "scenario", "seed")},
+        "policy": trace.policy,
+        "scenario": trace.scenario,
+        "seed": trace.seed,
         "outcome": trace.outcome.value,
         "reason": trace.reason,
         "config": dict(trace.config),
@@ -63,7 +65,9 @@ def to_json(trace: Trace, *, timing: bool = False) -> str:
             "robot": {name: getattr(task.robot, name) for name in _ROBOT} | _dynamics(task.robot),
             "start": list(task.start),
             "goal": list(task.goal),
-            **{name: getattr(task, name) for name in BOUNDS[:3]},
+            "goal_tolerance": task.goal_tolerance,
+            "obstacle_speed": task.obstacle_speed,
+            "obstacle_surge": task.obstacle_surge,
             **({} if math.isinf(task.obstacle_swerve) else {"obstacle_swerve": task.obstacle_swerve}),
         },
         **{name: getattr(trace, name).tolist() for name in _ARRAYS},
@@ -237,7 +241,10 @@ class _Reader:
                 robot=RobotSpec(**values),
                 start=parts["start"],
                 goal=parts["goal"],
-                **{name: self.real(f"task.{name}", parts.get(name, "inf")) for name in BOUNDS},
+                goal_tolerance=self.real("task.goal_tolerance", parts["goal_tolerance"]),
+                obstacle_speed=self.real("task.obstacle_speed", parts["obstacle_speed"]),
+                obstacle_surge=self.real("task.obstacle_surge", parts["obstacle_surge"]),
+                obstacle_swerve=self.real("task.obstacle_swerve", parts.get("obstacle_swerve", "inf")),
             )
         except BadInput as error:
             raise error if error.where else error.at(self.where, f"task.{error.field}") from None
