@@ -607,6 +607,17 @@ def test_tubes_are_learnt_to_hold_whatever_people_do(factor: float) -> None:
     assert (left_tubes(now, error, np.full(n, 0.3), 2.0, 0.05, factor)[first] == (error[first] > 0.3 * factor)).all()
 
 
+@pytest.mark.parametrize("people", [10, 100])
+def test_tubes_hold_in_crowds_that_are_recorded_often(people: int) -> None:
+    """Of tubes that are right at first, 30 times a second for 12 s, `chance` leave to 3 points, though all are judged late."""
+    rng = np.random.default_rng(9)
+    now = np.repeat(np.arange(360) / 30, people)
+    error = np.repeat(np.abs(rng.standard_t(3.0, 24 * people)).reshape(24, people), 15, axis=0).ravel()  # anew each 0.5 s
+    for chance in (0.05, 0.2):
+        radius = np.quantile(error, 1.0 - chance)
+        assert left_tubes(now, error, np.full(len(now), radius), 4.0, chance).mean() == pytest.approx(chance, abs=0.03)
+
+
 def test_the_mean_error_of_forecasts_is_that_of_a_loop(tmp_path: Path) -> None:
     """Each time up to the horizon counts once; what the record is too short for is NaN, and a dash in the table.
 

@@ -127,7 +127,7 @@ def left_tubes(
     out, due = np.zeros(len(now), np.bool_), 0
     for i in range(len(now)):
         while now[due] + ahead <= now[i] + 1e-9:
-            factor = learnt_factor(factor, bool(out[due]), chance)
+            factor = learnt_factor(factor, bool(out[due]), chance, i - due)
             due += 1
         out[i] = error[i] > factor * radius[i]
     return out
@@ -183,9 +183,14 @@ def _estimates(
 def _steps(name: float, walker: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a row for each step of a track.
 
-    These are time, id, place, velocity since the row before, velocity over the last STEP s, and time since the first row.
+    These are time, id, place, velocity over the last 0.1 s or since the row before if that is longer, velocity over the last
+    STEP s, and time since the first row. In 1/30 s, as cameras have, errors of places would be most of a velocity.
     """
     t, xy = walker[:, :1], walker[:, 1:]
-    since = np.minimum(np.searchsorted(t[:, 0], t[1:, 0] - STEP - 1e-9), np.arange(len(t) - 1))
-    velocity, steady = np.diff(xy, axis=0) / np.diff(t, axis=0), (xy[1:] - xy[since]) / (t[1:] - t[since])
-    return np.column_stack((t[1:], np.full(len(velocity), name), xy[1:], velocity, steady, t[1:] - t[0]))
+
+    def velocity(time: float) -> NDArray[np.float64]:
+        since = np.minimum(np.searchsorted(t[:, 0], t[1:, 0] - time - 1e-9), np.arange(len(t) - 1))
+        over: NDArray[np.float64] = (xy[1:] - xy[since]) / (t[1:] - t[since])
+        return over
+
+    return np.column_stack((t[1:], np.full(len(t) - 1, name), xy[1:], velocity(0.1), velocity(STEP), t[1:] - t[0]))

@@ -11,6 +11,7 @@ from antway.kernels.tracking.prediction_error import LATER
 PEOPLE_DENSITY = 0.01  # m^2/s^3; spectral density of the white acceleration of people
 PEOPLE_DOF = 3.0  # 1; degrees of freedom of the distribution of people's prediction errors
 _STEP = 0.02  # 1; step size with which the logarithm of the tubes' width is adapted after each prediction
+_MOST = 4.0  # 1; by no more than this does it change before the predictions that wait for their outcome are judged
 _OWN = 0.5  # 1; share of the squared velocity error that comes from the estimate and not from the acceleration
 
 
@@ -69,7 +70,7 @@ def people_variance(sigma_v: float, t: float) -> float:
 
 
 @kernel
-def learnt_factor(factor: float, left: bool, chance: float) -> float:
+def learnt_factor(factor: float, left: bool, chance: float, waiting: int) -> float:
     """Return the factor for the radii of tubes after one more prediction; `left` tells whether the track left its tube.
 
     Parameters
@@ -78,11 +79,14 @@ def learnt_factor(factor: float, left: bool, chance: float) -> float:
         The factor before this prediction, > 0.
     chance : float
         Share of predictions that may leave their tubes, in (0, 1).
+    waiting : int
+        Number of predictions that were made since this one, > 0. They were made with factors that did not know its outcome.
 
     Notes
     -----
-    Its logarithm rises by 0.02 (1 - chance) or falls by 0.02 chance. Over N predictions, the share that leaves its tube then
-    differs from `chance` by at most ln(highest / lowest factor) / (0.02 N), however people move (Gibbs, Candes: Adaptive
-    conformal inference under distribution shift, NeurIPS 2021).
+    Its logarithm rises by s (1 - chance) or falls by s chance, where s = min(0.02, 4 / `waiting`). Over N predictions, the
+    share that leaves its tube then differs from `chance` by at most ln(highest / lowest factor) / (s N), however people move
+    (Gibbs, Candes: Adaptive conformal inference under distribution shift, NeurIPS 2021). In a crowd that is recorded 25 times a
+    second thousands of predictions wait: with 0.02 for each of them the factor swings by e^20 and more.
     """
-    return factor * math.exp(_STEP * ((1.0 if left else 0.0) - chance))
+    return factor * math.exp(min(_STEP, _MOST / waiting) * ((1.0 if left else 0.0) - chance))
