@@ -92,7 +92,7 @@ def test_paths_and_their_failures():
     grid = Grid(blocked, 0.5)
     room = grid.inflate(0.2)
     stops = [(1.0, 1.0), (6.5, 6.5), (1.0, 9.0)]
-    path = nav2.find_path(grid, room, stops, 0.2, "jps", 5.0)
+    path = nav2.find_path(grid, room, stops, 0.2, "jps", 600.0)
     cells = [grid.cell_at(stop) for stop in stops]
     legs = [solve(Problem(room, a, b)).length for a, b in pairwise(cells)]
     assert math.isclose(np.hypot(*np.diff(path, axis=0).T).sum(), sum(legs), rel_tol=1e-12)
@@ -106,12 +106,12 @@ def test_paths_and_their_failures():
         ([free, wall, free], nav2.GOAL_OCCUPIED),
     ):
         with pytest.raises(nav2.Failure) as caught:
-            nav2.find_path(grid, room, ends, 0.2, "jps", 5.0)
+            nav2.find_path(grid, room, ends, 0.2, "jps", 600.0)
         assert caught.value.code == code
     with pytest.raises(nav2.Failure) as caught:
         nav2.find_path(grid, room, stops, 0.2, "astar", 0.0)
     assert caught.value.code == nav2.PLAN_TIMEOUT
-    near = nav2.find_path(grid, room, [free, wall], 0.2, "jps", 5.0, tolerance=1.0)[-1]
+    near = nav2.find_path(grid, room, [free, wall], 0.2, "jps", 600.0, tolerance=1.0)[-1]
     assert room.is_free(room.cell_at(near)) and math.dist(near, wall) <= 1.0
     codes = [getattr(nav2, name) for name in dir(nav2) if name.isupper() and isinstance(getattr(nav2, name), int)]
     assert len(codes) == len(set(codes)) and set(nav2.ENDS) == set(End)

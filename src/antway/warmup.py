@@ -46,6 +46,8 @@ def warm_up(kinds: Sequence[str] = WARM, *, workers: int = 2) -> Iterator[tuple[
     tasks = [task for kind in WARM if kind in names for task in _TASKS[kind]]
     if not tasks:
         return
+    # What policy antway needs everywhere is compiled by one process beside the other tasks, before tasks that need it as well.
+    tasks.sort(key=lambda task: (task[1] == "antway") - 2 * (task == ("run", "antway")))
     with pool(min(checks.integer("workers", workers, low=1), len(tasks))) as processes:
         running = [processes.submit(_timed, name, argument) for name, argument in tasks]
         for done in as_completed(running):

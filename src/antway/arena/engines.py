@@ -6,6 +6,7 @@ import importlib
 import multiprocessing
 import os
 import random
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -13,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from multiprocessing.connection import Connection, wait
+from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from typing import Any, cast
 
@@ -175,11 +177,20 @@ def local(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]
             worker.stop()
 
 
+def _context() -> SpawnContext | ForkServerContext:
+    """Return how workers start: on Linux by a fork of a process that has imported antway once, else each with a second's imports."""
+    if sys.platform != "linux":
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__, "antway.policies.antway.policy"])
+    return context
+
+
 class _Worker:
     """A worker process and the job it has."""
 
     def __init__(self, job: Job, timeout: float) -> None:
-        context = multiprocessing.get_context("spawn")
+        context = _context()
         self.pipe, far = context.Pipe()
         self.timeout = timeout
         self.process: BaseProcess = context.Process(target=_work, args=(far,), daemon=True)

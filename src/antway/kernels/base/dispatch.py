@@ -14,6 +14,7 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import numba
@@ -60,6 +61,22 @@ class _Watch(event.Listener):
 
 watch = _Watch()
 event.register("numba:compile", watch)
+
+
+def _jit(function: Any, **settings: Any) -> Any:
+    jit: Any = njit
+    return jit(no_cfunc_wrapper=True, **settings)(function)
+
+
+@contextmanager
+def _cache() -> Iterator[None]:
+    """Keep the kernels that are defined in this context in antway's folder. Other packages keep their own."""
+    before = config.CACHE_DIR
+    config.CACHE_DIR = before or _CACHE
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = before
 
 
 class _Code(JITCodeLibrary):
@@ -134,8 +151,17 @@ class Inner(CPUDispatcher):
 class Kernel(CPUDispatcher):
     """A kernel as Python calls it."""
 
-    inner: Inner
+    settings: dict[str, Any]  # of Numba's
     shared: bool  # whether kernels call it with the same types as Python does; it is compiled for them first
+
+    @cached_property
+    def inner(self) -> Inner:
+        """The kernel as kernels call it, which a process that finds what it needs on disk never asks for."""
+        inner: Inner = _jit(self.py_func, no_cpython_wrapper=True, **self.settings)
+        inner.__class__ = Inner
+        with _cache():
+            inner.enable_caching()
+        return inner
 
     @property
     def _numba_type_(self) -> Any:
@@ -167,19 +193,10 @@ class _Compiler(_FunctionCompiler):
 
 def for_kernels_and_python(function: Any, settings: dict[str, Any], shared: bool) -> Kernel:
     """Return `function` as a kernel with these settings of Numba's, cached on disk; `shared` as in `Kernel`."""
-    jit: Any = njit
-    before = config.CACHE_DIR
-    config.CACHE_DIR = before or _CACHE  # only for this kernel: other packages keep their own cache folder
-    try:
-        compiled: Any = jit(cache=True, no_cfunc_wrapper=True, **settings)(function)
-        compiled.__class__, compiled.shared = Kernel, shared
-        compiled._compiler.__class__, compiled._compiler.kernel = _Compiler, compiled
-        compiled.inner = jit(no_cfunc_wrapper=True, no_cpython_wrapper=True, **settings)(function)
-        compiled.inner.__class__ = Inner
-        compiled.inner.enable_caching()
-    finally:
-        config.CACHE_DIR = before
-    kernel: Kernel = compiled
+    with _cache():
+        kernel: Kernel = _jit(function, cache=True, **settings)
+    kernel.__class__, kernel.settings, kernel.shared = Kernel, settings, shared
+    kernel._compiler.__class__, kernel._compiler.kernel = _Compiler, kernel
     return kernel
 
 
