@@ -178,7 +178,7 @@ def local(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]
 
 
 def _context() -> SpawnContext | ForkServerContext:
-    """Return how workers start: on Linux by a fork of a process that has imported antway once, else each with a second's imports."""
+    """Return how workers start: on Linux forked from a process that has imported antway, else each with a second's imports."""
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
