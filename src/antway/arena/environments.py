@@ -36,7 +36,8 @@ MAX_BYTES = 64 * 2**20  # limit of a track file
 MAX_ROWS = 2_000_000  # limit of rows read from a track file
 _COLUMNS = "t", "id", "x", "y"  # columns of a recording in CSV
 _GAP = 3.0  # s; who is unseen for longer, and for longer than 3 frames, counts as somebody else from then on
-_STEP, _LONGER = 0.1, 0.4  # s; in steps shorter than the first, errors of places are most of the velocity: see `_velocity`
+_STEP, _LONGER = 0.1, 0.4  # s; in shorter steps, errors of places are most of a velocity: one place in each is used, and people
+# come and go with the velocity over the second
 _DRAWS = 30  # limit of starts that are drawn for an episode at each of these distances from people:
 _CLEAR = (1.5, 0.8)  # m; the second is for crowds
 
@@ -96,7 +97,8 @@ def tracks(file: str) -> Suite:
     where 30 draws find no such start. The horizon is 60 s, or 2 s for each metre between both ends where that is longer.
 
     People do not appear from nowhere: before their records start they walk in straight with the velocity of the first step, and
-    after the end they walk on with the velocity of the last step, or of 0.4 s where steps are shorter than 0.1 s. If a record
+    after the end they walk on with the velocity of the last step, or of 0.4 s where steps are shorter than 0.1 s. Of places that
+    are nearer in time than 0.1 s, as those of cameras, one in 0.1 s or a little more is used. If a record
     starts during the episode within 1 m of the robot (between centres, at the next control period), that person is absent until
     the end of a control period at which the distance exceeds 1 m plus the distance that the robot can drive in it. The robot
     knows nothing about the speeds in the record: the declared bound is the usual 1.5 m/s, which some people exceed.
@@ -238,20 +240,21 @@ def _jumps(walk: NDArray[np.float64]) -> int:
 
 def _walk(rows: NDArray[np.float64], since: float, far: float) -> Replay:
     """Return a pedestrian's motion from time `since` on, continued with constant velocity up to `far` m before and after."""
+    first, last = _velocity(rows), _velocity(rows[::-1])
+    rows = rows[:: math.ceil((_STEP - 1e-3) / float(np.median(np.diff(rows[:, 0]))))]
     t, xy = rows[:, 0] - since, rows[:, 1:]
     record_start = float(t[0])
-    first, last = _velocity(t, xy), _velocity(t[::-1], xy[::-1])
     lead, tail = (far / max(float(np.hypot(*v)), 0.1) for v in (first, last))
     t = np.concatenate(([t[0] - lead], t, [t[-1] + tail]))
     xy = np.vstack((xy[0] - first * lead, xy, xy[-1] + last * tail))
     return Replay(tuple(t.tolist()), tuple(map(tuple, xy.tolist())), record_start)
 
 
-def _velocity(t: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the velocity at the first of some rows, whose times rise or fall: of a step, or of _LONGER if that is short."""
-    age = np.abs(t - t[0])
-    k = 1 if age[1] > _STEP - 1e-3 else min(int(np.searchsorted(age, _LONGER - 1e-9)), len(t) - 1)
-    velocity: NDArray[np.float64] = (xy[k] - xy[0]) / (t[k] - t[0])
+def _velocity(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the velocity at the first of the rows t, x, y, which may go back in time: of a step, or of _LONGER if that is short."""
+    age = np.abs(rows[:, 0] - rows[0, 0])
+    k = 1 if age[1] > _STEP - 1e-3 else min(int(np.searchsorted(age, _LONGER - 1e-9)), len(rows) - 1)
+    velocity: NDArray[np.float64] = (rows[k, 1:] - rows[0, 1:]) / (rows[k, 0] - rows[0, 0])
     return velocity
 
 
