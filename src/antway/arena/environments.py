@@ -97,11 +97,11 @@ def tracks(file: str) -> Suite:
     where 30 draws find no such start. The horizon is 60 s, or 2 s for each metre between both ends where that is longer.
 
     People do not appear from nowhere: before their records start they walk in straight with the velocity of the first step, and
-    after the end they walk on with the velocity of the last step, or of 0.4 s where steps are shorter than 0.1 s. Of places that
-    are nearer in time than 0.1 s, as those of cameras, one in 0.1 s or a little more is used. If a record
-    starts during the episode within 1 m of the robot (between centres, at the next control period), that person is absent until
-    the end of a control period at which the distance exceeds 1 m plus the distance that the robot can drive in it. The robot
-    knows nothing about the speeds in the record: the declared bound is the usual 1.5 m/s, which some people exceed.
+    after the end they walk on with the velocity of the last step, or of 0.4 s where steps are shorter than 0.1 s. Of places
+    less than 0.1 s apart, as those of cameras, one in 0.1 s or a little more is used. If a record starts during the episode
+    within 1 m of the robot (between centres, at the next control period), that person is absent until the end of a control
+    period at which the distance exceeds 1 m plus the distance that the robot can drive in it. The robot knows nothing about the
+    speeds in the record: the declared bound is the usual 1.5 m/s, which some people exceed.
     """
     table = read_tracks(file)
     low, high = table[:, 2:].min(axis=0) - 2.0, table[:, 2:].max(axis=0) + 2.0
@@ -251,7 +251,7 @@ def _walk(rows: NDArray[np.float64], since: float, far: float) -> Replay:
 
 
 def _velocity(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the velocity at the first of the rows t, x, y, which may go back in time: of a step, or of _LONGER if that is short."""
+    """Return the velocity at the first of rows t, x, y, which may go back in time: of a step, or of _LONGER if it is short."""
     age = np.abs(rows[:, 0] - rows[0, 0])
     k = 1 if age[1] > _STEP - 1e-3 else min(int(np.searchsorted(age, _LONGER - 1e-9)), len(rows) - 1)
     velocity: NDArray[np.float64] = (rows[k, 1:] - rows[0, 1:]) / (rows[k, 0] - rows[0, 0])
