@@ -119,8 +119,8 @@ def message(case: dict[str, Any]) -> None:
         one = case["messages"][k % len(case["messages"])]
         t = 1.0 + 0.1 * k
         try:
-            scan = read_points(SimpleNamespace(**one["scan"]), 0.2)
-            points = off_the_map(scan, (2.0, 2.0, 0.0), ROOM, 0.1)
+            scan, _ = read_points(SimpleNamespace(**one["scan"]), 0.2)
+            points = off_the_map(scan + 2.0, ROOM, 0.1)
             tracker.update(t, nameless(discs(points, gap=0.3, largest=0.8)))
         except BadInput:
             pass

@@ -13,7 +13,7 @@ from antway import Grid, check_episode, load_scenario, run
 from antway.errors import BadParameter
 from antway.ros2 import frames
 from antway.ros2.pilot import Goal, Pilot
-from antway.ros2.scan import Tracker, discs, nameless, off_the_map, read_points
+from antway.ros2.scan import Laser, Tracker, discs, nameless, newest_reached, off_the_map, read_points
 from antway.ros2.settings import Settings, defaults
 from antway.scenes import scene
 from antway.world.policy import Command, Decision, Observation, Tracks
@@ -75,7 +75,7 @@ def test_discs_in_a_scan_are_found():
         pose = (*grid.to_xy(rng.uniform(3, 36, (1, 2)))[0], rng.uniform(-3, 3))
         places, radii = grid.to_xy(rng.uniform(3, 36, (3, 2))), rng.uniform(0.2, 0.5, 3)
         ranges = measured(grid, places, radii, pose, 480, 6.0)
-        xy, radius = discs(off_the_map(read_points(scan_of(ranges)), pose, grid, 0.05), gap=0.3, largest=0.8)
+        xy, radius = discs(off_the_map(frames.move(pose, read_points(scan_of(ranges))[0]), grid, 0.05), gap=0.3, largest=0.8)
         for place, size in zip(xy, radius):  # whatever is found belongs to a disc, never to a wall
             assert (np.hypot(*(places - place).T) < radii + size + 0.05).any()
         empty = measured(grid, np.empty((0, 2)), np.empty(0), pose, 480, 6.0)
@@ -109,10 +109,36 @@ def test_what_is_no_arc_is_held_by_its_discs():
     assert len(discs(np.empty((0, 2)), gap=0.3, largest=0.8)[0]) == 0
 
 
+def test_each_beam_is_placed_by_where_the_robot_was() -> None:
+    """While the robot turns and drives, a sweep of 0.1 s smears no wall of the map, and finds the disc; nonsense is ignored."""
+    blocked = np.zeros((60, 60), bool)
+    blocked[[0, -1]] = blocked[:, [0, -1]] = True
+    grid, laser, places = Grid(blocked, 0.2), Laser(0.5), np.array([[8.0, 4.0]])
+
+    def pose(t: float) -> frames.Pose:
+        return 4.0 + t, 5.0, 3.0 + 2.0 * t  # from 3.0 rad to beyond pi
+
+    for k in range(-10, 30):
+        laser.moved(0.05 * k, pose(0.05 * k))
+    one = []
+    for i in range(360):
+        x, y, yaw = pose(0.1 * i / 360)
+        one += measured(grid, places, np.array([0.4]), (x, y, yaw + 2 * math.pi * i / 360), 1, 12.0).tolist()
+    for increment, found in ((0.1 / 360, 1), (math.nan, 0), (0.1, 0), (-0.001, 0)):
+        laser.receive(0.0, scan_of(one, range_max=12.0, time_increment=increment))
+        scan = newest_reached(laser.waiting, 0.2)
+        points = off_the_map(laser.placed(scan, frames.HERE, False, 0.2), grid, 0.15)
+        if found:
+            assert laser.middle(scan) == pytest.approx(0.05, abs=1e-3)
+            np.testing.assert_allclose(discs(points, gap=0.3, largest=0.8)[0], places, atol=0.03)
+        else:
+            assert laser.middle(scan) == 0.0 and len(points) > 80, "walls that are smeared are obstacles"
+
+
 def test_malformed_scans_are_refused():
     """Ranges that say nothing are left out, -inf is as near as can be, and numbers that cannot be are refused by name."""
-    points = read_points(scan_of([math.nan, math.inf, -math.inf, 1.0, 9.0, 0.01]))
-    assert len(points) == 2
+    points, beams = read_points(scan_of([math.nan, math.inf, -math.inf, 1.0, 9.0, 0.01]))
+    assert beams.tolist() == [2, 3]
     np.testing.assert_allclose(np.hypot(*points.T), [0.05, 1.0])
     for name, value in (
         ("angle_increment", 0.0),
@@ -222,8 +248,8 @@ class Seeing:
     def act(self, o: Observation) -> Command:
         pose = frames.chain(self.world, (*o.xy, o.heading))
         truth = frames.move_tracks(self.world, o.tracks)
-        points = read_points(scan_of(measured(self.grid, truth.xy, truth.radius, pose, 240, 5.5)))
-        seen = discs(off_the_map(points, pose, self.grid, 0.15), gap=0.3, largest=0.8)
+        points, _ = read_points(scan_of(measured(self.grid, truth.xy, truth.radius, pose, 240, 5.5)))
+        seen = discs(off_the_map(frames.move(pose, points), self.grid, 0.15), gap=0.3, largest=0.8)
         self.pilot.scan = o.t, self.tracker.update(o.t, nameless(seen))
         answer = self.pilot.receive_odometry(
             frames.Odometry(o.t, pose[:2], frames.turn(self.world[2], o.velocity), pose[2]), o.t

@@ -99,3 +99,11 @@ def test_no_process_is_left(processes: Workers) -> None:
     processes.close()
     with pytest.raises(ProcessLookupError):
         os.kill(worker.process.pid, 0)
+
+
+def test_a_process_that_takes_no_request_costs_one_request(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A request that is larger than a pipe and that nobody reads ends in time, too."""
+    started = workers.subprocess.Popen
+    monkeypatch.setattr(workers.subprocess, "Popen", lambda _, **options: started(["sleep", "60"], **options))
+    with pytest.raises(BadInput, match="took too long"):
+        Workers().run("instance", bytes(2**22), "name", seconds=0.1)

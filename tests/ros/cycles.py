@@ -83,7 +83,7 @@ def main(cycles: int) -> None:
     said = {"robot.drive": "", "robot.name": "jackal", "robot.v_max": 1}
     given = [rclpy.parameter.Parameter(name, value=value) for name, value in said.items()]
     assert node.set_parameters_atomically(given).successful
-    robot = Settings.of(node.values).robot
+    robot = Settings.of(node.declared.values).robot
     node.destroy_node()
     for _ in range(max(cycles // 10, 1)):  # whole nodes as well
         node = a_node()

@@ -15,7 +15,7 @@ from rclpy.task import Future
 from antway.errors import BadInput
 from antway.grid import Grid
 from antway.planning import PLANNERS
-from antway.ros2 import convert
+from antway.ros2 import convert, frames
 from antway.ros2.frames import Pose
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import (
@@ -224,7 +224,7 @@ class Served:
             error = INVALID_PATH, "path.poses = []: must be at least one pose"
         else:
             try:
-                path = np.array([node.place(goal.path.header, one.pose)[:2] for one in goal.path.poses], np.float64)
+                path = frames.move(node.frame(goal.path.header.frame_id), convert.read_path(goal.path))
             except BadInput as wrong:
                 tf = wrong.field == "header.frame_id" or "tf" in wrong.field
                 error = FOLLOW_TF_ERROR if tf else INVALID_PATH, str(wrong)

@@ -74,6 +74,22 @@ def read_pose(pose: Any, *, where: str = "pose") -> tuple[float, float, float]:
     return x, y, wrap(2.0 * math.atan2(q[2], q[3]))
 
 
+def read_mount(pose: Any, *, where: str = "pose") -> tuple[tuple[float, float, float], bool]:
+    """Return (x, y, yaw) of the pose of a frame that is level, or upside down with its y axis mirrored, and whether it is.
+
+    Examples
+    --------
+    >>> over = plain("", position=plain("", x=0.2, y=0.0), orientation=plain("", x=0.0, y=1.0, z=0.0, w=0.0))
+    >>> read_mount(over)  # turned by pi about y, its x axis points back
+    ((0.2, 0.0, 3.141592653589793), True)
+    """
+    q = pose.orientation
+    if abs(math.hypot(q.x, q.y) - 1.0) > _TILT:
+        return read_pose(pose, where=where), False
+    level = plain("", x=0.0, y=0.0, z=q.y, w=q.x)  # a turn by pi about (x, y) mirrors y, then turns by twice their angle
+    return read_pose(plain("", position=pose.position, orientation=level), where=where), True
+
+
 def _place(point: Any, where: str) -> XY:
     """Return x and y of a geometry_msgs/msg/Point, m."""
     x, y = (
@@ -179,8 +195,13 @@ def read_path(message: Any) -> NDArray[np.float64]:
     BadParameter
         For a pose that is not finite or is tilted.
     """
-    poses = [read_pose(one.pose, where=f"Path.poses[{i}]")[:2] for i, one in enumerate(message.poses)]
-    return np.array(poses, np.float64).reshape(-1, 2)
+    places, turns = ([getattr(one.pose, part) for one in message.poses] for part in ("position", "orientation"))
+    xy = np.array([(p.x, p.y) for p in places], np.float64).reshape(-1, 2)
+    q = np.array([(q.x, q.y, q.z, q.w) for q in turns], np.float64).reshape(-1, 4)
+    sound = np.isfinite(xy).all(axis=1) & np.isfinite(q).all(axis=1) & (abs(np.hypot(q[:, 2], q[:, 3]) - 1.0) <= _TILT)
+    for i in np.flatnonzero(~sound).tolist():
+        read_pose(message.poses[i].pose, where=f"Path.poses[{i}]")  # says what is wrong
+    return xy
 
 
 def twist_message(command: Command, velocity: XY, heading: float, robot: RobotSpec, make: Make = plain) -> Any:

@@ -25,10 +25,10 @@ def stamp_twist(twist: object, t: float, frame: str | None) -> object:
     return make("geometry_msgs/msg/TwistStamped", header=convert.header_message(max(t, 0.0), frame, make), twist=twist)
 
 
-def open_driver(topic: str, frame: str | None, robot: RobotSpec) -> Driver:
-    """Open a publisher of commands on `topic`, stamped in `frame` unless it is None."""
+def open_driver(topic: str, frame: str | None, robot: RobotSpec, namespace: str) -> Driver:
+    """Open a publisher of commands on `topic`, stamped in `frame` unless it is None, by a node in `namespace`."""
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("antway_guard", enable_rosout=False, start_parameter_services=False)
+    node = rclpy.create_node("antway_guard", namespace=namespace, enable_rosout=False, start_parameter_services=False)
     publisher = node.create_publisher(load(twist_type(frame is not None)), topic, 10)
 
     def drive(command: Command, seen: Observation) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -46,22 +45,6 @@ def inverse(a: Pose) -> Pose:
     """Return the pose of the world in a frame with the world pose `a`."""
     x, y = turn(-a[2], (-a[0], -a[1]))
     return x, y, -a[2]
-
-
-def between(poses: Sequence[tuple[float, Pose]], t: float) -> Pose:
-    """Return the pose at `t` s by linear interpolation of `poses`, (t in s, pose) in order; constant beyond the ends.
-
-    Examples
-    --------
-    >>> between([(0.0, (0.0, 0.0, 3.0)), (1.0, (2.0, 0.0, -3.0))], 0.5)[0]
-    1.0
-    """
-    after = next((i for i, (when, _) in enumerate(poses) if when > t), len(poses))
-    if after in (0, len(poses)):
-        return poses[min(after, len(poses) - 1)][1]
-    (t0, (x0, y0, yaw0)), (t1, (x1, y1, yaw1)) = poses[after - 1], poses[after]
-    share = (t - t0) / (t1 - t0)
-    return x0 + share * (x1 - x0), y0 + share * (y1 - y0), wrap(yaw0 + share * wrap(yaw1 - yaw0))
 
 
 def turn(yaw: float, vector: XY) -> XY:

@@ -94,7 +94,10 @@ class Failure(Exception):
 
 
 def in_thread(executor: Any, work: Callable[[], T], answer: Callable[[T | None, Failure | None], Any]) -> None:
-    """Do `work` in a thread while the executor drives the robot; the executor then calls `answer(result, failure)`."""
+    """Do `work` in a thread while the executor drives the robot; the executor then calls `answer(result, failure)`.
+
+    Whatever `work` raises is a failure: who asked is always answered.
+    """
 
     def run() -> None:
         result, failure = None, None
@@ -102,6 +105,8 @@ def in_thread(executor: Any, work: Callable[[], T], answer: Callable[[T | None, 
             result = work()
         except Failure as found:
             failure = found
+        except Exception as error:
+            failure = Failure(PLAN_UNKNOWN, f"{type(error).__name__}: {error}")
         executor.create_task(answer, result, failure)
 
     threading.Thread(target=run, daemon=True).start()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
+import math
 import re
 import signal
 import sys
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from importlib.util import find_spec
@@ -29,21 +28,21 @@ from antway.policies.guard_process import GuardProcess
 from antway.ros2 import convert, frames
 from antway.ros2.actions import Served
 from antway.ros2.compile import compile_for
+from antway.ros2.declared import Declared
 from antway.ros2.driver import open_driver, stamp_twist, twist_type
 from antway.ros2.frames import Odometry, Pose
 from antway.ros2.markers import decision_message, predictions_message
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import Kind, nav2_kinds
 from antway.ros2.pilot import ERROR, OBSTACLES, ODOMETRY, OK, WARN, Answer, End, Goal, Pilot
-from antway.ros2.scan import Tracker, discs, nameless, newest_reached, off_the_map, read_points
-from antway.ros2.settings import LASER, Settings, parameters
+from antway.ros2.scan import Laser, Tracker, discs, nameless, newest_reached, off_the_map
+from antway.ros2.settings import LASER, Settings
 from antway.ros2.tf import Transforms
 from antway.world.policy import Decision, Task, Tracks
 
 T = TypeVar("T")
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-_OF_ROS = ("use_sim_time", "qos_overrides", "start_type_description_service")
 SEEN_AHEAD = 3.0  # s; how far ahead predictions are shown
 
 
@@ -59,60 +58,43 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     def __init__(self, kinds: Mapping[str, Kind] | None = None) -> None:
         super().__init__("antway")
         self.kinds = nav2_kinds() if kinds is None else dict(kinds)
-        self.values: dict[str, Any] = {}  # of robot.* those that are set: a named robot has values of its own for the others
-        given = getattr(self, "_parameter_overrides", {})
-        for name, one in parameters().items():
-            about = make("rcl_interfaces/msg/ParameterDescriptor", description=one.text, additional_constraints=one.allowed)
-            ends = {"from_value": one.low, "to_value": one.high}
-            if isinstance(one.default, float):
-                about.dynamic_typing = True  # `robot.radius:=1` is an integer for ROS
-                about.floating_point_range = [make("rcl_interfaces/msg/FloatingPointRange", **ends)]
-            elif type(one.default) is int:
-                about.integer_range = [make("rcl_interfaces/msg/IntegerRange", **ends, step=1)]
-            value = self.declare_parameter(name, one.default, about).value
-            if name in given or not name.startswith("robot."):
-                self.values[name] = value
-        for name, parameter in given.items():
-            if not self.has_parameter(name) and not name.startswith(_OF_ROS):
-                near = difflib.get_close_matches(name, parameters(), 3) or list(parameters())
-                raise BadParameter(name, parameter.value, f"left out: no parameter has this name; there is {', '.join(near)}")
-        Settings.of(self.values | {"robot.drive": "holonomic"} if self._bare() else self.values)
-        self.add_on_set_parameters_callback(self._on_parameters)
+        self.declared = Declared(self)
         self.parts: list[tuple[Callable[[Any], Any], Any]] = []
-        self.active = False
-
-    def _bare(self) -> bool:
-        """Tell whether the robot is still unspecified: parameters may be set before the node is configured."""
-        return not any(self.values.get(name) for name in ("robot.name", "robot.drive", "autostart"))
-
-    def _on_parameters(self, changed: list[Any]) -> Any:
-        values = self.values | {one.name: one.value for one in changed if one.name in parameters()}
-        try:
-            Settings.of(values)
-        except BadInput as wrong:
-            return make("rcl_interfaces/msg/SetParametersResult", successful=False, reason=str(wrong))
-        self.values = values
-        return make("rcl_interfaces/msg/SetParametersResult", successful=True)
+        self.active = self.compiling = False
 
     # Up and down
 
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
         """Check the parameters, compile every kernel that driving needs, and open topics, services and actions."""
         try:
-            self.settings = settings = Settings.of(self.values)
-            kind = load(settings.obstacles_type)
+            self.settings = settings = Settings.of(self.declared.values)
+            try:
+                kind = load(settings.obstacles_type)
+            except (ImportError, AttributeError) as error:
+                allowed = f"a type that can be imported ({error})"
+                raise BadParameter("obstacles_type", settings.obstacles_type, allowed) from None
             self.get_logger().info(f"the robot is {settings.robot}")
+            self.compiling = True
             compile_for(settings)
-        except (BadInput, ImportError, AttributeError) as error:
-            self.get_logger().error(str(error) if isinstance(error, BadInput) else f"obstacles_type: {error}")
+            self.declared.tell(settings.robot)
+            self._open(kind)
+        except Exception as error:  # rclpy would say nothing
+            self.get_logger().error(str(error) if isinstance(error, BadInput) else f"{type(error).__name__}: {error}")
+            self.on_cleanup(state)
             return TransitionCallbackReturn.FAILURE
+        finally:
+            self.compiling = False
+        self.declared.configured = True
+        return TransitionCallbackReturn.SUCCESS
+
+    def _open(self, kind: Any) -> None:
+        """Start without map, obstacles and goal; `kind` is the class of messages on obstacles."""
         self.tracker = Tracker()
         self.done: Callable[[End, str], None] | None = None  # called with how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # called after each command
         self.orders = 0  # number of goals, tours and stops that were asked for
         self.map_stamp = 0.0  # s
-        self.lasers: deque[tuple[float, Any]] = deque(maxlen=20)  # scans that wait for odometry, with their times in s
-        self.trail: deque[tuple[float, Pose]] = deque(maxlen=100)
+        self.laser = Laser(self.settings.timeout)
         self.shown: Decision | None = None
         self.heard = time.monotonic()  # s; when odometry was last good
         self.reported, self.logged = (OK, ""), dict[str, float]()  # the logged errors, and when, s
@@ -124,9 +106,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.parts.append((Transforms.close, self.transforms))
         self.parts.append((Served.close, Served(self, self.kinds)))
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # unaffected by jumps of the ROS clock
-        for period, tick in ((settings.robot.dt, self._watch), (1.0, self._diagnose)):
+        for period, tick in ((self.settings.robot.dt, self._watch), (1.0, self._diagnose)):
             self.parts.append((self.destroy_timer, self.create_timer(period, tick, clock=steady)))
-        return TransitionCallbackReturn.SUCCESS
 
     def _open_publishers(self) -> None:
         """Open the topics that the node sends to, and make the pilot, whose guard process sends commands to one of them."""
@@ -166,7 +147,11 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         if not settings.guard_process:
             return None
         driver = partial(
-            open_driver, self.cmd_vel.topic_name, settings.base_frame if settings.stamped else None, settings.robot
+            open_driver,
+            self.cmd_vel.topic_name,
+            settings.base_frame if settings.stamped else None,
+            settings.robot,
+            self.get_namespace(),
         )
         made = GuardProcess(task, slack=settings.robot.dt / 2, emit=driver, mode=settings.policy["mode"])
         self.parts.append((GuardProcess.close, made))
@@ -189,6 +174,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         for destroy, part in self.parts:
             destroy(part)
         self.parts.clear()
+        self.declared.configured = False
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
@@ -208,9 +194,9 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def place(self, header: Any, pose: Any) -> Pose:
         """Return a geometry_msgs/msg/Pose in the frame of `header` in the map's frame, or raise `BadInput`."""
-        return frames.chain(self._frame(header.frame_id), convert.read_pose(pose))
+        return frames.chain(self.frame(header.frame_id), convert.read_pose(pose))
 
-    def _frame(self, name: str) -> Pose:
+    def frame(self, name: str) -> Pose:
         """Return the pose of the frame `name` in the map's."""
         t = self.pilot.odometry.t if self.pilot.odometry else 0.0
         return self.transforms.pose(name, self.settings.frame, t, self.settings.timeout)
@@ -243,8 +229,11 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self._do(self.pilot.receive_map(grid))
 
     def _on_goal(self, message: Any) -> None:
+        if not self.active:
+            self.get_logger().warning("goal_pose is ignored, because the node is not active")
+            return
         pose = self._read("goal_pose", lambda goal: self.place(goal.header, goal.pose), message)
-        if pose is not None and self.active:
+        if pose is not None:
             self.orders += 1
             self.go(Goal(pose[:2], yaw=pose[2]))
 
@@ -260,7 +249,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             names = {header.frame_id for header in headers}
             if len(names) > 1:
                 raise BadParameter("header.frame_id", sorted(names), "the same throughout a message")
-            frame = self._frame(names.pop()) if names else frames.HERE
+            frame = self.frame(names.pop()) if names else frames.HERE
             return t, self.tracker.update(
                 t, frames.move_tracks(frame, tracks), self.pilot.odometry.xy if self.pilot.odometry else (0.0, 0.0)
             )
@@ -273,24 +262,23 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         """Keep a laser scan until odometry tells where the robot was at its time."""
         stamp = self._read(OBSTACLES, lambda scan: convert.seconds(scan.header.stamp), message)
         if stamp is not None:
-            self.lasers.append((stamp, message))
+            self.laser.receive(stamp, message)
 
     def _see(self, t: float) -> None:
         """Use the newest of the kept scans whose times odometry, now at `t` s, has reached."""
-        settings, grid = self.settings, self.pilot.map
-        reached = None if grid is None else newest_reached(self.lasers, t)
-        if self.lasers and self.lasers[0][0] > t + settings.timeout:
-            self.pilot.faults[OBSTACLES] = time.monotonic(), f"scans are {self.lasers[0][0] - t:.2f} s newer than odometry"
-        if grid is None or reached is None or self.pilot.overtaken(reached[0]):
+        settings, grid, laser = self.settings, self.pilot.map, self.laser
+        reached = None if grid is None else newest_reached(laser.waiting, t)
+        if laser.waiting and laser.waiting[0][0] > t + settings.timeout:
+            self.pilot.faults[OBSTACLES] = time.monotonic(), f"scans are {laser.waiting[0][0] - t:.2f} s newer than odometry"
+        if grid is None or reached is None or self.pilot.overtaken(laser.middle(reached)):
             return
 
         def read(scan: tuple[float, Any]) -> tuple[float, Tracks]:
-            stamp, message = scan
-            mount = self.transforms.pose(message.header.frame_id, settings.base_frame, stamp, settings.timeout)
-            pose = frames.chain(frames.between(self.trail, stamp), mount)
-            points = off_the_map(read_points(message, settings.scan_valid), pose, grid, settings.scan_clear)
+            seen, (_, (x, y, _)) = laser.middle(scan), laser.trail[-1]
+            mount = self.transforms.mount(scan[1].header.frame_id, settings.base_frame, scan[0], settings.timeout)
+            points = off_the_map(laser.placed(scan, *mount, settings.scan_valid), grid, settings.scan_clear)
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
-            return stamp, self.tracker.update(stamp, nameless(places), pose[:2])
+            return seen, self.tracker.update(seen, nameless(places), (x, y))
 
         found = self._read(OBSTACLES, read, reached)
         if found is not None:
@@ -308,15 +296,17 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         if odometry is None:
             return
         t, now = odometry.t, time.monotonic()
-        if self.trail and t < self.trail[-1][0]:  # time went back, so older data may be newer
-            self.trail.clear()
-            self.lasers.clear()
+        last = self.laser.trail[-1][0] if self.laser.trail else -math.inf
+        if t < last:  # time went back, so an older map may be newer
             self.map_stamp = 0.0
-        self.trail.append((t, (*odometry.xy, odometry.heading)))
+        self.laser.moved(t, (*odometry.xy, odometry.heading))
         self._see(t)
         if self._do(self.pilot.receive_odometry(odometry, now)):
             self._show(t)
-        self.heard = time.monotonic()  # the time for the start does not count as silence
+        if t == last:  # what does not move on is silent
+            self.pilot.faults[ODOMETRY] = now, f"odometry's stamp stays at {t:.3f} s"
+        else:
+            self.heard = time.monotonic()  # the time for the start does not count as silence
 
     def _watch(self) -> None:
         self._do(self.pilot.silent(time.monotonic() - self.heard))
@@ -332,6 +322,13 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def go(self, goal: Goal, done: Callable[[End, str], None] | None = None, feed: Callable[[], None] | None = None) -> None:
         """Drive to `goal`; `done` is called with how that ended, `feed` after each command."""
+        if self.cmd_vel.get_subscription_count() == 0:
+            kind, other, topic = (
+                twist_type(self.settings.stamped),
+                twist_type(not self.settings.stamped),
+                self.cmd_vel.topic_name,
+            )
+            self._say(WARN, f"nothing takes {kind} on {topic}; if the base takes {other} there, change `stamped`")
         self._do(self.pilot.go(goal))
         self.done, self.feed = done, feed
 
@@ -402,9 +399,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         if self.diagnostics is None or not self.active:
             return
         level, reason = self.reported
-        status = make(
-            "diagnostic_msgs/msg/DiagnosticStatus", level=bytes([level]), name=self.get_name(), message=reason, hardware_id=""
-        )
+        name = self.get_fully_qualified_name().lstrip("/")  # which of several robots, each in its namespace
+        status = make("diagnostic_msgs/msg/DiagnosticStatus", level=bytes([level]), name=name, message=reason, hardware_id="")
         now = make("std_msgs/msg/Header", stamp=self.get_clock().now().to_msg())
         self.diagnostics.publish(make("diagnostic_msgs/msg/DiagnosticArray", header=now, status=[status]))
 
@@ -412,11 +408,13 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
     """Run the node (with the actions `kinds`, if given) until SIGINT or SIGTERM, and stop the robot at the end."""
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    over = False
+    over, node = False, None
 
     def end(*_: Any) -> None:
         nonlocal over
-        over = True
+        before, over = over, True
+        if node is not None and node.compiling and not before:  # which may take minutes, and nothing moves
+            raise KeyboardInterrupt
 
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -427,10 +425,12 @@ def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
         return 2
     executor.add_node(node)
     try:
-        if node.values["autostart"] and node.trigger_configure() is TransitionCallbackReturn.SUCCESS:
+        if node.declared.values["autostart"] and node.trigger_configure() is TransitionCallbackReturn.SUCCESS:
             node.trigger_activate()
         while not over:
             executor.spin_once(timeout_sec=0.1)
+    except KeyboardInterrupt:
+        node.get_logger().info("ended while it compiled")
     finally:
         node.halt("shut down")
         executor.shutdown()

@@ -24,8 +24,8 @@ _ROUND = 0.03  # m; tolerance for points on a circle
 Discs = tuple[NDArray[np.float64], NDArray[np.float64]]  # centres, float64[N, 2] in m; radii, float64[N] in m
 
 
-def read_points(message: Any, valid: float = 0.0) -> NDArray[np.float64]:
-    """Return the points of a sensor_msgs/msg/LaserScan, float64[N, 2] in m in the laser's frame, in the order of beams.
+def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the points of a sensor_msgs/msg/LaserScan, float64[N, 2] in m in the laser's frame, and which beams they are.
 
     A range of -inf (too near to measure, REP 117) counts as range_min; NaN and ranges out of limits give no point.
 
@@ -63,8 +63,9 @@ def read_points(message: Any, valid: float = 0.0) -> NDArray[np.float64]:
         raise BadParameter("ranges", f"{100 * sound:.0f} % valid", f"valid in at least {100 * valid:g} % of beams", where=where)
     r = np.where(r == -math.inf, near, r)
     hit = (r >= near) & (r <= far)  # not where NaN
-    r, angle = r[hit], (start + step * np.arange(len(r)))[hit]
-    return np.column_stack((r * np.cos(angle), r * np.sin(angle)))
+    beams = np.flatnonzero(hit)
+    r, angle = r[hit], start + step * beams
+    return np.column_stack((r * np.cos(angle), r * np.sin(angle))), beams
 
 
 def newest_reached(waiting: deque[tuple[float, Any]], t: float) -> tuple[float, Any] | None:
@@ -82,12 +83,63 @@ def newest_reached(waiting: deque[tuple[float, Any]], t: float) -> tuple[float, 
     return max(reached, key=lambda one: one[0], default=None)
 
 
-def off_the_map(points: NDArray[np.float64], pose: Pose, grid: Grid, clear: float) -> NDArray[np.float64]:
-    """Return the world coordinates of the `points` of a laser at `pose` that are not part of the map.
+class Laser:
+    """Scans of a laser, each of which waits for odometry, which tells where the robot was at each of its beams.
+
+    Parameters
+    ----------
+    longest : float
+        The longest sweep, from the first beam to the last, that is believed, s. Some drivers report nonsense.
+    """
+
+    def __init__(self, longest: float) -> None:
+        self.longest = longest
+        self.waiting: deque[tuple[float, Any]] = deque(maxlen=20)  # scans, with the times of their last beams in s
+        self.trail: deque[tuple[float, Pose]] = deque()  # where the robot was, with times in s
+
+    def _sweep(self, message: Any) -> float:
+        """Return the time from the first beam to the last, s; 0 if that is not said, or cannot be."""
+        took = (len(message.ranges) - 1) * getattr(message, "time_increment", 0.0)
+        return took if 0.0 <= took <= self.longest else 0.0
+
+    def receive(self, stamp: float, message: Any) -> None:
+        """Keep a scan whose first beam was measured at `stamp` s."""
+        self.waiting.append((stamp + self._sweep(message), message))
+
+    def moved(self, t: float, pose: Pose) -> None:
+        """Receive where the robot is at `t` s; where it was long ago is forgotten. If time goes back, all is."""
+        if self.trail and t < self.trail[-1][0]:
+            self.trail.clear()
+            self.waiting.clear()
+        self.trail.append((t, pose))
+        while self.trail[0][0] < t - 4.0 * self.longest:
+            self.trail.popleft()
+
+    def middle(self, scan: tuple[float, Any]) -> float:
+        """Return the time of the middle of a scan that waited, s."""
+        return scan[0] - self._sweep(scan[1]) / 2
+
+    def placed(self, scan: tuple[float, Any], mount: Pose, upside_down: bool, valid: float) -> NDArray[np.float64]:
+        """Return the points of a scan by a laser that is mounted at `mount` on the robot, float64[N, 2] in m in the world.
+
+        Each is placed by where the robot was when it was measured. `valid` is as in `read_points`.
+        """
+        end, message = scan
+        points, beams = read_points(message, valid)
+        if upside_down:
+            points[:, 1] *= -1.0
+        when = end - self._sweep(message) * (1.0 - beams / max(len(message.ranges) - 1, 1))
+        t, poses = np.array([one[0] for one in self.trail]), np.array([one[1] for one in self.trail])
+        x, y, yaw = (np.interp(when, t, values) for values in (*poses.T[:2], np.unwrap(poses[:, 2])))
+        cos, sin, (px, py) = np.cos(yaw), np.sin(yaw), move(mount, points).T
+        return np.column_stack((x + cos * px - sin * py, y + sin * px + cos * py))
+
+
+def off_the_map(xy: NDArray[np.float64], grid: Grid, clear: float) -> NDArray[np.float64]:
+    """Return those of the points `xy`, float64[N, 2] in m, that are not part of the map.
 
     A point is part of the map if a blocked cell or the map's edge is within `clear` m along either axis.
     """
-    xy = move(pose, points)
     near = clear / grid.resolution
     steps = np.linspace(-near, near, 2 * math.ceil(near) + 1)  # at most a cell apart, so that none is skipped
     around = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 1, 2)

@@ -185,6 +185,13 @@ def _robot(name: str = "", drive: str = "", **given: Any) -> RobotSpec:
     return RobotSpec(**given, drive=drive)
 
 
+def parameter_values(robot: RobotSpec) -> dict[str, Any]:
+    """Return the values of the parameters that describe `robot`, by their names."""
+    values = {f"robot.{f.name}": getattr(robot, f.name) for f in fields(RobotSpec)}
+    corners = [list(corner) for corner in robot.footprint or ()]
+    return values | {"robot.brake_max": robot.brake_max or 0.0, "robot.footprint": str(corners)}
+
+
 def _footprint(text: object) -> Any:
     """Return the corners of a footprint in Nav2's format, "[[0.2, 0.1], [0.2, -.1], [-0.2, 0.0]]"; None for "[]" or ""."""
     allowed = 'the corners of a convex polygon as Nav2 writes them, "[[x, y], [x, y], [x, y]]" in m, or "[]" for a disc'

@@ -31,7 +31,14 @@ class Transforms:
             self.tf2 = None
 
     def pose(self, frame: str, within: str, t: float, timeout: float) -> Pose:
-        """Return the latest pose of `frame` in the frame `within`.
+        """Return the latest pose of `frame` in the frame `within`; see `mount`."""
+        pose, upside_down = self.mount(frame, within, t, timeout)
+        if upside_down:
+            raise BadParameter(f"tf from {within} to {frame}", "upside down", "level")
+        return pose
+
+    def mount(self, frame: str, within: str, t: float, timeout: float) -> tuple[Pose, bool]:
+        """Return the latest pose of `frame` in the frame `within`, and whether it is upside down: its y axis is then mirrored.
 
         Raises
         ------
@@ -40,7 +47,7 @@ class Transforms:
             static ones (time 0) have no age.
         """
         if frame == within:
-            return HERE
+            return HERE, False
         if not self.tf2:
             raise BadParameter("header.frame_id", frame, f"{within} (tf2_ros, which would know others, cannot be imported)")
         try:
@@ -52,4 +59,4 @@ class Transforms:
             age, allowed = f"{t - stamp:.2f} s", f"at most {timeout:g} s (down to -{POSTDATED + timeout:g} s): tf is silent"
             raise BadParameter(f"age of tf from {within} to {frame}", age, allowed)
         place = convert.plain("", position=move.translation, orientation=move.rotation)
-        return convert.read_pose(place, where=f"tf from {within} to {frame}")
+        return convert.read_mount(place, where=f"tf from {within} to {frame}")

@@ -121,10 +121,16 @@ def _end(worker: Worker) -> None:
     worker.pipe.close()
 
 
+def _send(pipe: Connection[Any, Any], request: object) -> None:
+    """Send a request, which a process that hangs does not take up until it is ended."""
+    with suppress(OSError):
+        pipe.send(request)
+
+
 def _asked(worker: Worker, request: object, until: float, closed: threading.Event | None) -> object:
     """Send a request and return the answer, or raise a `BadParameter` if none comes in time."""
     try:
-        worker.pipe.send(request)
+        threading.Thread(target=_send, args=(worker.pipe, request), daemon=True).start()
         while not worker.pipe.poll(0.1):
             if closed is not None and closed.is_set():
                 raise BadParameter("request", "of a tab that is closed", "one of an open tab")

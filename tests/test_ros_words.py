@@ -1,0 +1,136 @@
+"""What the ROS 2 node tells, and what it makes of odd messages, on a stand-in of rclpy; test_ros_node.py has the real one."""
+
+from __future__ import annotations
+
+import math
+import signal
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from antway import Grid
+from antway.ros2 import convert
+from antway.ros2.frames import HERE
+from antway.world.policy import Command
+from fake_ros import LifecycleNode, node_module
+from naive.laser import measured
+
+ROOM = Grid(np.zeros((40, 40), bool), 0.2)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Makes a node with some parameters, configured and active unless it is not to be."""
+
+    def make(configure: bool = True, **given):
+        module = node_module(monkeypatch)
+        monkeypatch.setattr(LifecycleNode, "overrides", {"robot.drive": "holonomic"} | given)
+        node = module.AntwayNode({})
+        if configure:
+            assert node.on_configure(None).name == "SUCCESS", node.said
+            node.on_activate(None)
+        return node
+
+    return make
+
+
+def odometry(t: float, xy=(2.0, 2.0), frame: str = "map"):
+    """A nav_msgs/msg/Odometry of a robot that stands."""
+    twist = SimpleNamespace(linear=SimpleNamespace(x=0.0, y=0.0), angular=SimpleNamespace(z=0.0))
+    pose = convert.pose_message(*xy, 0.0)
+    return SimpleNamespace(
+        header=convert.header_message(t, frame), pose=SimpleNamespace(pose=pose), twist=SimpleNamespace(twist=twist)
+    )
+
+
+def goal(x: float, y: float):
+    return SimpleNamespace(header=convert.header_message(0.0, "map"), pose=convert.pose_message(x, y, 0.0))
+
+
+def test_a_goal_for_a_node_that_is_not_active_is_told(made) -> None:
+    """A goal_pose that comes too early or too late is not dropped without a word."""
+    node = made()
+    node.on_deactivate(None)
+    node.said.clear()
+    node.heard_on["goal_pose"](goal(6.0, 2.0))
+    assert node.said == [("warning", "goal_pose is ignored, because the node is not active")] and node.pilot.goal is None
+
+
+def test_odometry_whose_clock_stands_is_silent(made, monkeypatch) -> None:
+    """Odometry that keeps on coming with the same stamp stops the robot, as if it did not come."""
+    node = made()
+    now = iter(np.arange(1.0, 100.0, 0.05).tolist())
+    monkeypatch.setattr("time.monotonic", lambda: next(now))
+    node.heard_on["map"](convert.grid_message(ROOM))
+    node.heard_on["goal_pose"](goal(6.0, 2.0))
+    node.pilot.command, node.pilot.guard = Command((1.0, 0.0)), None
+    for _ in range(30):
+        node.heard_on["odom"](odometry(5.0))
+        node._watch()
+    assert node.said[-1][0] == "error" and "odometry's stamp stays at 5.000 s" in node.said[-1][1], node.said
+    twist = node.published["cmd_vel"].sent[-1].twist
+    assert not vars(twist), "it stands"
+
+
+def test_parameters_show_the_robot_in_force(made) -> None:
+    """Of a named robot they are its own numbers, once it is configured; what is set then counts from the next time on."""
+    node = made(**{"robot.name": "turtlebot4", "robot.drive": "", "robot.latency": 0.2})
+    assert (node.told["robot.v_max"], node.told["robot.drive"], node.told["robot.latency"]) == (0.31, "differential", 0.2)
+    assert node.told["robot.footprint"] == "[]" and node.told["robot.brake_max"] == 0.0
+    assert "robot.v_max" not in node.declared.values, "it is not set, so that another name brings its own"
+    found = node.set_parameters_atomically([SimpleNamespace(name="robot.name", value="jackal")])
+    assert found.successful and "next configure" in found.reason
+    node.on_cleanup(None)
+    assert node.on_configure(None).name == "SUCCESS" and node.told["robot.v_max"] == node.settings.robot.v_max == 2.0
+
+
+def test_commands_that_nothing_takes_are_told(made) -> None:
+    """A base that takes the other kind of twist does not move: the node says so, and which robot says it."""
+    node = made()
+    node.published["cmd_vel"].listeners = 0
+    node.heard_on["goal_pose"](goal(6.0, 2.0))
+    warned = [text for level, text in node.said if level == "warning"]
+    assert len(warned) == 1 and "nothing takes geometry_msgs/msg/TwistStamped on /cmd_vel" in warned[0], node.said
+    assert node.published["/diagnostics"].sent[-1].status[0].name == "one/antway"
+
+
+def test_what_goes_wrong_in_configure_is_told(made, monkeypatch) -> None:
+    """Whatever is raised fails the transition with a reason, and leaves nothing open; a type that there is not is named."""
+    node = made(configure=False)
+    monkeypatch.setattr(node, "create_timer", lambda *_, **__: 1 / 0)
+    assert node.on_configure(None).name == "FAILURE"
+    assert node.said[-1] == ("error", "ZeroDivisionError: division by zero") and not node.parts and not node.compiling
+
+
+def test_it_can_be_ended_while_it_compiles(monkeypatch) -> None:
+    """SIGINT ends a node that still compiles kernels, which may take minutes, and not only afterwards."""
+    module = node_module(monkeypatch)
+    monkeypatch.setattr(LifecycleNode, "overrides", {"robot.drive": "holonomic", "autostart": True})
+    done = []
+
+    def compile_for(settings) -> None:
+        signal.raise_signal(signal.SIGINT)
+        done.append(settings)
+
+    monkeypatch.setattr(module, "compile_for", compile_for)
+    before = signal.getsignal(signal.SIGINT)
+    assert module.main([]) == 0 and not done
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+SCAN = {"angle_min": -math.pi, "angle_increment": math.pi / 360, "range_min": 0.05, "range_max": 8.0}
+
+
+@pytest.mark.parametrize(("turned", "y"), [((0.0, 0.0, 0.0, 1.0), 2.0), ((1.0, 0.0, 0.0, 0.0), 6.0)])
+def test_a_laser_may_be_mounted_upside_down(made, monkeypatch, turned, y: float) -> None:
+    """What is to the right of a laser is to the left of the robot if the laser is upside down."""
+    node = made(obstacles_type="sensor_msgs/msg/LaserScan")
+    node.heard_on["map"](convert.grid_message(ROOM))
+    right = measured(ROOM, np.array([[4.0, 2.0]]), np.array([0.4]), (4.0, 4.0, 0.0), 720, 3.0)
+    q = SimpleNamespace(**dict(zip("xyzw", turned)))
+    found = convert.read_mount(SimpleNamespace(position=SimpleNamespace(x=0.0, y=0.0), orientation=q))
+    monkeypatch.setattr(node.transforms, "mount", lambda frame, *_: found if frame == "laser" else (HERE, False))
+    node.heard_on["scan"](SimpleNamespace(header=convert.header_message(10.0, "laser"), ranges=right.tolist(), **SCAN))
+    node.heard_on["odom"](odometry(10.0, (4.0, 4.0)))
+    np.testing.assert_allclose(node.pilot.scan[1].xy, [[4.0, y]], atol=0.02)
