@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 from antway import Grid
+from antway.kernels.base.records import Terrain
+from antway.kernels.tracking import changes
+from antway.kernels.tracking.table import make_table
 
 SCALE = float(os.environ.get("ANTWAY_TEST_SCALE", "1"))
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -25,6 +28,15 @@ def play(tab: Any, steps: int) -> None:
     """Play this many steps of a tab of the live page."""
     for _ in range(steps):
         tab.advance()
+
+
+def changes_of(scans: list[tuple[float, np.ndarray]], terrain: Terrain) -> list[np.ndarray]:
+    """How the velocities of tracks change from each scan, (t, estimates), to the next."""
+    table, turns, found = make_table(64, changes.COLUMNS), np.zeros(3), []
+    for t, estimates in scans:
+        found.append(np.empty((len(estimates), 4)))
+        changes.velocity_changes(table, turns, estimates, terrain, t, found[-1])
+    return found
 
 
 def random_grid(rng: np.random.Generator, low: int = 2, high: int = 64, density: tuple[float, float] = (0.0, 0.6)) -> Grid:

@@ -19,7 +19,7 @@ from antway.world.motions import Replay
 from antway.world.policy import RobotSpec, Task
 from antway.world.robots import load_robot
 from antway.world.world import Obstacle
-from common import cases
+from common import cases, changes_of
 from naive import people as naive
 
 AIR = Terrain(np.zeros((1, 1), np.bool_), -1e6, -1e6, 2e6)
@@ -27,8 +27,8 @@ AIR = Terrain(np.zeros((1, 1), np.bool_), -1e6, -1e6, 2e6)
 
 def _rates(scans, terrain: Terrain = AIR) -> np.ndarray:
     turning = curves.Turning(make_table(64, curves.COLUMNS), np.zeros(curves.POOL), np.zeros(64))
-    for t, estimates in scans:
-        curves.turn_rates(turning, estimates, estimates.copy(), terrain, t)
+    for (t, estimates), changed in zip(scans, changes_of(scans, terrain), strict=True):
+        curves.turn_rates(turning, estimates, estimates.copy(), changed, t)
     return turning.rate[: len(estimates)]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from antway import Command, Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
-from antway.arena.predict import forecast, left_tubes, markdown
+from antway.arena.predict import forecast, left_tubes, markdown, place_variance, tube_radius
 from antway.arena.suites import build, episodes
 from antway.errors import BadScenario
 from antway.kernels import sidestep
@@ -34,7 +34,6 @@ from antway.kernels.tracking.predict import (
     crosses_edge,
     predict,
 )
-from antway.kernels.tracking.spread import place_variance, tube_radius
 from antway.kernels.tracking.table import make_table
 from antway.policies.antway.nodes import make_context
 from antway.policies.antway.policy import AntwayPolicy
@@ -43,7 +42,7 @@ from antway.policies.guard import MODES, Guard
 from antway.world.motions import Replay
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
-from common import SHARED, cases, needs_data
+from common import SHARED, cases, changes_of, needs_data
 from naive import people as naive
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -114,9 +113,9 @@ def test_what_is_seen_raises_the_bounds() -> None:
 
 def _averaged(scans, terrain: Terrain = AIR) -> np.ndarray:
     table, pool, out = make_table(64, averages.COLUMNS), np.zeros(averages.POOL), np.empty(0)
-    for t, estimates in scans:
+    for (t, estimates), changed in zip(scans, changes_of(scans, terrain), strict=True):
         out = np.empty_like(estimates)
-        averages.averaged(table, pool, estimates, terrain, t, out)
+        averages.averaged(table, pool, estimates, changed, t, out)
     return out
 
 

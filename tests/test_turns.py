@@ -11,11 +11,10 @@ from antway import Grid, RobotSpec, Scenario, Task, World, check_episode, run
 from antway.kernels.base.records import RobotState, Terrain
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import CONTACT, TURN_DISTANCE, TURN_TIME
-from antway.kernels.tracking.bounces import COLUMNS
+from antway.kernels.tracking.changes import COLUMNS, FIRST_SECONDS, velocity_changes
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import make_table
-from antway.kernels.tracking.turns import FIRST_SECONDS, count_turns
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Waypoints
@@ -42,7 +41,7 @@ def test_turns_are_those_that_the_slow_twin_counts() -> None:
             estimates[:, (X, Y)], estimates[:, RADIUS] = xy[seen], 0.3
             estimates[:, (VX, VY)], estimates[:, NAME] = v[seen], seen
             estimates[seen == 5, SIGMA_V] = UNKNOWN
-            count_turns(table, turns, estimates, ROOM, step * i)
+            velocity_changes(table, turns, estimates, ROOM, step * i, np.empty((len(seen), 4)))
             scans.append((step * i, {k: (*xy[k], *v[k]) for k in seen.tolist() if k != 5}))
             xy += step * v
             met = (xy < 0.3) & (v < 0.0) | (xy > 3.7) & (v > 0.0)
@@ -61,7 +60,7 @@ def test_a_disc_that_bounces_off_a_wall_does_not_turn() -> None:
         for i in range(80):
             vy = 0.5 if mirrored or vx > 0.0 else -0.5
             estimates = np.array([[x, 1.0, vx, vy, 0.3, 0.0, 0.0, 7.0]])
-            count_turns(table, turns, estimates, Terrain(blocked, 0.0, 0.0, 0.1), 0.1 * i)
+            velocity_changes(table, turns, estimates, Terrain(blocked, 0.0, 0.0, 0.1), 0.1 * i, np.empty((1, 4)))
             x += 0.1 * vx
             vx = -abs(vx) if x > 2.7 else abs(vx) if x < 0.3 else vx
         assert turns[1] == number
@@ -119,5 +118,5 @@ def test_scans_whose_time_goes_back_count_for_nothing() -> None:
     estimates[0, X], estimates[0, Y], estimates[0, RADIUS] = 2.0, 2.0, 0.3
     for i in range(40):
         estimates[0, VX] = float(i % 4 // 2)
-        count_turns(table, turns, estimates, ROOM, float(i % 2))
+        velocity_changes(table, turns, estimates, ROOM, float(i % 2), np.empty((1, 4)))
     assert turns.tolist() == [FIRST_SECONDS, 0.0, 0.0]

@@ -65,6 +65,7 @@ class Crowd(NamedTuple):
 
     people: Table  # [M, crowd.COLUMNS]
     prediction: NDArray[np.float64]  # [M, STEPS, 2] m/s; predicted velocities
+    changes: NDArray[np.float64]  # [M, 4] how velocities have changed, see kernels/tracking/changes.py
     averaged: NDArray[np.float64]  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
     turning: Turning
     stored: Table  # [M, prediction_error.COLUMNS] stored predictions and their errors
@@ -293,7 +294,7 @@ def cycle(
     s, n, scanned, most_delay = settings, len(estimates), now - age, 0.0
     averaged, velocity_error = crowd.averaged[:n], crowd.velocity_error[:n]
     # Compare earlier predictions with what happened.
-    turn_rates(crowd.turning, estimates, averaged, terrain, scanned)
+    turn_rates(crowd.turning, estimates, averaged, crowd.changes[:n], scanned)
     compare_predictions(crowd.stored, crowd.pool, crowd.missed, averaged, scanned, velocity_error)
     if s.wide_tubes.robot_radius > 0.0 and n > 0:
         copy_row(velocity_error, averaged[:, SIGMA_V])

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import reflected
 from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.base.records import Terrain
 from antway.kernels.base.rows import copy_row
-from antway.kernels.tracking import bounces
-from antway.kernels.tracking.bounces import remember, row_to_compare, velocity_change
+from antway.kernels.tracking.changes import N_X, N_Y, row_to_compare
 from antway.kernels.tracking.predict import SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.prediction_error import LATER, add_error, count_comparison, summed_error, velocity_error
 from antway.kernels.tracking.table import SEEN, Table, drop_lost
@@ -27,10 +25,9 @@ TIMES = (0.4, 1.2)  # s; velocities are averaged over these times, weights fall 
 MODELS = len(TIMES) + 2  # the last velocity, those averages, and the mean of the first average and that of companions
 COMPANION_DISTANCE = 2.5  # m; companions are no farther apart than this
 COMPANION_SPEED = 0.7  # m/s; the averages of companions differ by no more than this
-# Columns of a row after those of kernels/tracking/bounces.py: the sums (x, y, weight) of each average, the mean average of
-# companions; when and where each model predicted from, and its velocity then. The last POOL are its errors (see
-# `count_comparison`).
-_SUMS = bounces.COLUMNS
+# Columns of a row after NAMED and SEEN: the sums (x, y, weight) of each average, the mean average of companions; when and where
+# each model predicted from, and its velocity then. The last POOL are its errors (see `count_comparison`).
+_SUMS = 2
 _COMPANIONS = _SUMS + 3 * len(TIMES)
 _SINCE = _COMPANIONS + 2
 _FROM = _SINCE + 1
@@ -45,7 +42,7 @@ def averaged(
     table: Table,
     pool: NDArray[np.float64],
     estimates: NDArray[np.float64],
-    terrain: Terrain,
+    changes: NDArray[np.float64],
     t: float,
     out: NDArray[np.float64],
 ) -> None:
@@ -59,7 +56,8 @@ def averaged(
         As in `count_comparison`; zeros at first.
     estimates, out : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s.
-    terrain : Terrain
+    changes : float64[K, 4]
+        Of `velocity_changes`.
     """
     rows = table.rows
     drop_lost(table, t)
@@ -72,8 +70,8 @@ def averaged(
         row_at[k] = i
         if is_new:
             rows[i, SEEN], rows[i, _SINCE] = t, -math.inf
-        else:
-            _mirror_at_wall(rows[i], estimates[k], t, terrain)
+        elif changes[k, N_X] != 0.0 or changes[k, N_Y] != 0.0:
+            _mirror(rows[i], changes[k, N_X], changes[k, N_Y])
         _average(rows[i], estimates[k, VX], estimates[k, VY], t - rows[i, SEEN], is_new)
     _average_companions(rows, row_at, estimates)
     for k in range(len(estimates)):
@@ -82,7 +80,7 @@ def averaged(
         row = rows[row_at[k]]
         if t > row[SEEN] or row[_SINCE] == -math.inf:
             _compare(row, pool, estimates[k], t)
-        remember(row, estimates[k], t)
+        row[SEEN] = t
         best, least = 0, _BETTER * summed_error(row, pool, 0)
         for m in range(1, MODELS):
             if summed_error(row, pool, m) < least:
@@ -92,14 +90,12 @@ def averaged(
 
 
 @bare_kernel
-def _mirror_at_wall(row: NDArray[np.float64], estimate: NDArray[np.float64], t: float, terrain: Terrain) -> None:
-    """Mirror the averages of a track that has bounced off a wall since it was seen last, and compare no earlier prediction."""
-    _, n_x, n_y = velocity_change(row, estimate, t, terrain)
-    if n_x != 0.0 or n_y != 0.0:
-        row[_SINCE] = -math.inf
-        for m in range(len(TIMES)):
-            c = _SUMS + 3 * m
-            row[c], row[c + 1] = reflected(row[c], row[c + 1], n_x, n_y)
+def _mirror(row: NDArray[np.float64], n_x: float, n_y: float) -> None:
+    """Mirror the averages of a track that has bounced off a wall with this normal, and compare no earlier prediction."""
+    row[_SINCE] = -math.inf
+    for m in range(len(TIMES)):
+        c = _SUMS + 3 * m
+        row[c], row[c + 1] = reflected(row[c], row[c + 1], n_x, n_y)
 
 
 @bare_kernel

@@ -12,20 +12,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import reflected
 from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.base.records import Terrain
-from antway.kernels.tracking import bounces
-from antway.kernels.tracking.bounces import remember, row_to_compare, velocity_change
+from antway.kernels.tracking.changes import BEFORE_VX, BEFORE_VY, N_X, N_Y, row_to_compare
 from antway.kernels.tracking.crowd import STEPS, straighten
 from antway.kernels.tracking.predict import STEP_TIME, VX, VY, X, Y
 from antway.kernels.tracking.prediction_error import add_error, count_comparison, summed_error
 from antway.kernels.tracking.table import SEEN, Table, drop_lost
 
-# Columns of a row after those of kernels/tracking/bounces.py: the average turn rate and the weight of what went into it; when
-# and where the models predicted from, the velocity of the straight line, and velocity and turn rate of the circle. The last
-# POOL are the errors of both (see `count_comparison`).
-_RATE = bounces.COLUMNS
+# Columns of a row after NAMED and SEEN: the average turn rate and the weight of what went into it; when and where the models
+# predicted from, the velocity of the straight line, and velocity and turn rate of the circle. The last POOL are the errors of
+# both (see `count_comparison`).
+_RATE = 2
 _WEIGHT = _RATE + 1
 _SINCE = _RATE + 2
 _FROM = _RATE + 3
@@ -53,7 +50,7 @@ class Turning(NamedTuple):
 
 @kernel
 def turn_rates(
-    turning: Turning, estimates: NDArray[np.float64], straight: NDArray[np.float64], terrain: Terrain, t: float
+    turning: Turning, estimates: NDArray[np.float64], straight: NDArray[np.float64], changes: NDArray[np.float64], t: float
 ) -> None:
     """Write to `turning.rate` with which turn rate each track is predicted.
 
@@ -64,7 +61,8 @@ def turn_rates(
         As in kernels/tracking/predict.py, at time `t` s.
     straight : float64[K, 8]
         The same with the velocities of the straight lines; a track that turns gets its last velocity.
-    terrain : Terrain
+    changes : float64[K, 4]
+        Of `velocity_changes`.
     """
     table, pool, rate = turning
     drop_lost(table, t)
@@ -78,24 +76,22 @@ def turn_rates(
         if is_new:
             row[_SINCE] = -math.inf
         elif t > row[SEEN]:
-            _average(row, estimate, t, terrain)
+            _average(row, estimate, changes[k], t - row[SEEN])
             _compare(row, pool, estimate, straight[k], t)
-        remember(row, estimate, t)
+        row[SEEN] = t
         if summed_error(row, pool, _TURNING) < _BETTER * summed_error(row, pool, _STRAIGHT):
             rate[k] = row[_RATE]
             straight[k, VX], straight[k, VY] = estimate[VX], estimate[VY]
 
 
 @bare_kernel
-def _average(row: NDArray[np.float64], estimate: NDArray[np.float64], t: float, terrain: Terrain) -> None:
-    """Take the turn since a track was seen last into its average turn rate.
+def _average(row: NDArray[np.float64], estimate: NDArray[np.float64], change: NDArray[np.float64], dt: float) -> None:
+    """Take the turn in the `dt` s since a track was seen last into its average turn rate.
 
     A bounce mirrors the rate, and a jump of the direction ends the turn; neither is a turn itself.
     """
-    vx, vy, dt = row[bounces.LAST_VX], row[bounces.LAST_VY], t - row[SEEN]
-    _, n_x, n_y = velocity_change(row, estimate, t, terrain)
-    if n_x != 0.0 or n_y != 0.0:
-        vx, vy = reflected(vx, vy, n_x, n_y)
+    vx, vy = change[BEFORE_VX], change[BEFORE_VY]
+    if change[N_X] != 0.0 or change[N_Y] != 0.0:
         row[_RATE], row[_SINCE] = -row[_RATE], -math.inf
     turn = 0.0
     if min(math.hypot(vx, vy), math.hypot(estimate[VX], estimate[VY])) > _STANDS:

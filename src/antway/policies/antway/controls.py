@@ -101,7 +101,7 @@ class ControlOptions:
     turn_risk : float
         s; cost of being where contact begins, for each turn that is expected of an obstacle in the time in which the robot
         could not respond to it any more. How often obstacles turn, and by how much, is learnt from all tracks of the episode
-        (kernels/tracking/turns.py). The cost decreases to zero at the distance from which the robot can still get out of the
+        (kernels/tracking/changes.py). The cost decreases to zero at the distance from which the robot can still get out of the
         way. It is charged like `risk`.
     wall_margin : float
         m; distance to keep from walls, a little more than the guard's (policies/guard.py), so that it seldom has to brake.

@@ -262,6 +262,7 @@ class AntwayPolicy:
         s, t = self._state, o.sensed_at
         fit_tables(s, len(o.tracks))
         s.tracker.update(o.tracks, t)
+        s.tracker.compare(t, s.terrain, s.crowd.changes)
         estimates = s.tracker.estimates
         # A track that is not in this scan may have turned back at the edge already.
         outside = len(estimates) > 0 and s.settings.tubes.edges and self._crosses_edge(estimates)
@@ -270,7 +271,7 @@ class AntwayPolicy:
         if self.mode == "strict":
             s.crowd.averaged[: len(estimates)] = estimates
         else:
-            s.tracker.average(t, s.terrain, s.crowd.averaged)
+            s.tracker.average(t, s.crowd.changes, s.crowd.averaged)
 
     def _look_for_detours(self, o: Observation) -> None:
         """If obstacles have stayed where they are for long, plan anew with times to the goal that count with that."""
@@ -301,7 +302,7 @@ class AntwayPolicy:
         delay, acting_at, robot = acting(o, s.task.robot)
         self._plan(acting_at, o.t - o.sensed_at + delay)
         n, m, estimates = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), s.tracker.estimates
-        turns, doubt = s.tracker.count_turns(o.sensed_at, s.terrain), distrust(s.crowd.pool, s.crowd.missed)
+        turns, doubt = s.tracker.turns, distrust(s.crowd.pool, s.crowd.missed)
         sigma = s.controls.deviations(estimates, s.crowd.velocity_error[: len(estimates)], doubt, turns)
         segments, narrower = s.plan.segments[:m], s.task.robot.radius - s.settings.tubes.robot_radius
         if narrower > 0.0:  # the plan is for a narrow disc; rollouts expect the disc around the body

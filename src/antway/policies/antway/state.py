@@ -164,6 +164,7 @@ def make_crowd(task: Task, rows: int) -> Crowd:
     return Crowd(
         people=make_table(rows, crowd.COLUMNS, NAME),
         prediction=np.empty((rows, crowd.STEPS, 2)),
+        changes=np.zeros((rows, 4)),
         averaged=np.zeros((rows, 8)),
         turning=curves.Turning(make_table(rows, curves.COLUMNS), np.zeros(curves.POOL), np.zeros(rows)),
         stored=make_table(rows, prediction_error.COLUMNS),
@@ -221,6 +222,7 @@ def fit_tables(s: State, tracks: int) -> None:
     s.crowd = c._replace(
         people=longer_table(c.people, n),
         prediction=longer(c.prediction, n),
+        changes=longer(c.changes, n),
         averaged=longer(c.averaged, n),
         turning=c.turning._replace(table=longer_table(c.turning.table, n), rate=longer(c.turning.rate, n)),
         stored=longer_table(c.stored, n),

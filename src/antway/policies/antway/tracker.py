@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import Terrain
-from antway.kernels.tracking import averages, bounces, kalman, noise, reported, turns
+from antway.kernels.tracking import averages, changes, kalman, noise, reported
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import Table, make_table, rows_in_use
 from antway.world.policy import XY, Observation, Tracks
@@ -55,7 +55,7 @@ class Tracker:
         self._measured, self._noise = make_table(MOST_ROWS, noise.COLUMNS), np.zeros(2)  # see kernels/tracking/noise.py
         self._last, self._errors = make_table(MOST_ROWS, reported.COLUMNS), np.zeros(3)  # see kernels/tracking/reported.py
         self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
-        self._seen = make_table(ROWS, bounces.COLUMNS)  # see kernels/tracking/turns.py
+        self._seen = make_table(ROWS, changes.COLUMNS)  # see kernels/tracking/changes.py
         self._has_velocities = True  # whether the sensor measured those of all tracks in the last scan
         self.doubts_velocities = False
         self._forget()
@@ -79,7 +79,7 @@ class Tracker:
     def _forget(self) -> None:
         """Forget what was learnt from velocities."""
         self.averages.used[0], self._seen.used[0], self.fastest = 0, 0, 0.0
-        self.pool, self._turns = np.zeros(averages.POOL), np.array([turns.FIRST_SECONDS, 0.0, 0.0])
+        self.pool, self._turns = np.zeros(averages.POOL), np.array([changes.FIRST_SECONDS, 0.0, 0.0])
 
     def update(self, tracks: Tracks, t: float) -> None:
         """Update the estimates with a scan at time `t` s."""
@@ -98,15 +98,19 @@ class Tracker:
         seen: NDArray[np.float64] = self.estimates[self.last_seen == t]
         return seen
 
-    def average(self, t: float, terrain: Terrain, out: NDArray[np.float64]) -> None:
-        """Write the estimates at time `t` s to `out`, with the velocities that predict best."""
-        call(averages.averaged, self.averages, self.pool, self.estimates, terrain, float(t), out)
+    def compare(self, t: float, terrain: Terrain, out: NDArray[np.float64]) -> None:
+        """Write to `out` how velocities have changed up to the scan at time `t` s, and count the turns."""
+        call(changes.velocity_changes, self._seen, self._turns, self.estimates, terrain, float(t), out)
 
-    def count_turns(self, t: float, terrain: Terrain) -> tuple[float, float]:
-        """Count the turns in the scan at time `t` s; return how often tracks turn, 1/s, and by how much on average, m/s."""
-        call(turns.count_turns, self._seen, self._turns, self.estimates, terrain, float(t))
-        seconds, number, changes = self._turns.tolist()
-        return number / seconds, changes / max(number, 1.0)
+    def average(self, t: float, changed: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+        """Write the estimates at time `t` s to `out`, with the velocities that predict best; `changed` is from `compare`."""
+        call(averages.averaged, self.averages, self.pool, self.estimates, changed, float(t), out)
+
+    @property
+    def turns(self) -> tuple[float, float]:
+        """How often tracks turn, 1/s, and by how much on average, m/s."""
+        seconds, number, change = self._turns.tolist()
+        return number / seconds, change / max(number, 1.0)
 
     def resize(self, rows: int) -> None:
         """Make the tables so long."""
