@@ -55,7 +55,6 @@ PARTS = {
     "antway.search.dstarlite": "dstarlite DStarLite",
     "antway.search.jps": "jps",
     "antway.search.sipp": "Sipp",
-    "antway.trajectory.footprint": "covering_discs",
     "antway.trajectory.profile": "stop_at_corners",
     "antway.world.motions": "Line BackAndForth Waypoints Bounce RandomWalk Replay",
     "antway.world.sensor": "Sensor",
@@ -72,7 +71,7 @@ SOUND: dict[str, Any] = {  # by parameter, where it has no default
     "instance": Tsp(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [2.0, 3.0]])),
     "radius": 0.3, "v_max": 1.0, "a_max": 1.0, "speed": 0.5, "end": (4.0, 4.0), "points": PATH, "t": (0.0, 1.0, 2.0),
     "motion": Line((1.0, 1.0), (2.0, 2.0), 0.5), "count": 2, "total": 4, "values": [1.0, 2.0], "time": [1.0], "bound": [1.0],
-    "length": [1.0], "shortest": [1.0], "a": [1.0, 2.0], "b": [1.0, 3.0], "spec": "paper", "polygon": [(0, 0), (1, 0), (1, 1)],
+    "length": [1.0], "shortest": [1.0], "a": [1.0, 2.0], "b": [1.0, 3.0], "spec": "paper",
     "cells": [(0, 0), (0, 1)], "costs": np.ones((6, 6)), "inflation_radius": 1.0, "name": "stop",
 }  # fmt: skip
 

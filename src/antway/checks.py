@@ -36,17 +36,19 @@ def number(
     >>> number("radius", 1, low=0.0, unit="m")
     1.0
     """
-    try:
-        if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
-            raise TypeError
-        result = float(value)
-        outside = result < low or result > high or (open_low and result == low)
-        if math.isnan(result) or outside or (math.isinf(result) and not infinite):
-            raise TypeError
-    except (OverflowError, TypeError):
+    result = _as_float(value)
+    if not low <= result <= high or (open_low and result == low) or (math.isinf(result) and not infinite):
         allowed = f"a {'' if infinite else 'finite '}number{_range(low, high, open_low)}{f' ({unit})' if unit else ''}"
-        raise error(field, value, allowed, where=where) from None
+        raise error(field, value, allowed, where=where)
     return result
+
+
+def _as_float(value: object) -> float:
+    """Return a real number as a float, and NaN for anything else and for what no float can hold."""
+    try:
+        return float(value) if isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_)) else math.nan
+    except OverflowError:
+        return math.nan
 
 
 def fields(record: object, *names: str, **limits: Any) -> None:
@@ -72,17 +74,13 @@ def integer(
     50
     """
     try:
-        result = operator.index(value)  # type: ignore[arg-type]
-        if (
-            isinstance(value, (bool, np.bool_))
-            or (low is not None and result < low)
-            or result > (WORD if high is None else high)
-        ):
-            raise TypeError
+        result = None if isinstance(value, (bool, np.bool_)) else operator.index(value)  # type: ignore[arg-type]
     except TypeError:
+        result = None
+    if result is None or (low is not None and result < low) or result > (WORD if high is None else high):
         huge = high is None and isinstance(value, int) and value > WORD
         span = _range(-math.inf if low is None else low, WORD if huge else math.inf if high is None else high, False)
-        raise error(field, value, f"an integer{span}", where=where) from None
+        raise error(field, value, f"an integer{span}", where=where)
     return result
 
 

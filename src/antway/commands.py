@@ -114,7 +114,7 @@ def _objective(name: str) -> str:
     """Return the objective that an option names, as functions call it."""
     from antway import checks
 
-    return checks.objective(checks.choice("objective", name, ("travel-time", "makespan")))
+    return checks.choice("objective", name, ("travel-time", "makespan")).replace("-", " ")
 
 
 def tsptw_command(

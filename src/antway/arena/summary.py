@@ -154,7 +154,7 @@ def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
             f"{100 * one.success:.1f} ({low:.1f}–{high:.1f})",
             " / ".join(str(one.outcomes[name]) for name in ("hit-moving", "hit-standing", "hit-wall")),
             " / ".join(str(one.outcomes[name]) for name in ("timeout", "error")),
-            _shown(one.time_ratio, f"{one.time_ratio:.4f} ({span(one.time_ratio_interval, 3)})"),
+            _shown(one.time_ratio, f"{one.time_ratio:.4f} ({span(one.time_ratio_interval)})"),
             *(
                 _shown(value, f"{value:.2f}")
                 for value in (one.time, one.path_ratio, one.clearance, one.discomfort, one.side_changes)
@@ -180,9 +180,9 @@ def _line(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def span(ends: metrics.Interval, digits: int) -> str:
+def span(ends: metrics.Interval) -> str:
     """Return an interval as text; a dash if there is none."""
-    return f"{ends[0]:.{digits}f}–{ends[1]:.{digits}f}" if all(map(math.isfinite, ends)) else "–"
+    return f"{ends[0]:.3f}–{ends[1]:.3f}" if all(map(math.isfinite, ends)) else "–"
 
 
 def _shown(value: float, text: str) -> str:

@@ -24,7 +24,8 @@ class Mppi(Follow):
     """Drive the mean of many noisy sequences of controls, weighted by their costs.
 
     Each sequence is rolled out with the robot's dynamics (ramps, arcs, latency) among obstacles that keep their velocities. Its
-    cost is made of time to the goal, contacts, closeness and walls, as for the colony of policy `antway`.
+    cost is made of time to the goal, contacts, closeness and walls, as for the colony of policy `antway`. The paper's
+    term for the cost of controls, temperature u^T Sigma^-1 v, is left out: only where a sequence leads is weighed.
 
     Parameters
     ----------

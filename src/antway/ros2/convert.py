@@ -20,7 +20,7 @@ from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
 from antway.kernels.robot.dynamics import drive
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
-from antway.maps.limits import DEFAULT, Limits
+from antway.maps.limits import DEFAULT
 from antway.ros2.frames import Odometry
 from antway.world.policy import XY, Command, RobotSpec, Tracks
 from antway.world.robots import towards
@@ -38,10 +38,10 @@ def plain(_kind: str, **fields: Any) -> Any:
     return SimpleNamespace(**fields)
 
 
-def seconds(stamp: Any, *, where: str = "") -> float:
+def seconds(stamp: Any) -> float:
     """Return a builtin_interfaces/msg/Time in s."""
-    sec = checks.integer("stamp.sec", stamp.sec, where=where)
-    return sec + checks.integer("stamp.nanosec", stamp.nanosec, low=0, high=999_999_999, where=where) * 1e-9
+    sec = checks.integer("stamp.sec", stamp.sec)
+    return sec + checks.integer("stamp.nanosec", stamp.nanosec, low=0, high=999_999_999) * 1e-9
 
 
 def stamp_message(t: float, make: Make = plain) -> Any:
@@ -98,7 +98,7 @@ def _place(point: Any, where: str) -> XY:
     return x, y
 
 
-def read_grid(message: Any, *, occupied: int = 100, limits: Limits = DEFAULT) -> Grid:
+def read_grid(message: Any, *, occupied: int = 100) -> Grid:
     """Return the map in a nav_msgs/msg/OccupancyGrid; cells of cost `occupied` or more, or -1 (unknown), are blocked.
 
     The message has the resolution in single precision, which is used as it is, as by readers of map_server.
@@ -110,7 +110,7 @@ def read_grid(message: Any, *, occupied: int = 100, limits: Limits = DEFAULT) ->
     BadParameter
         For a resolution or origin out of range.
     TooLarge
-        For more cells than `limits` allow.
+        For more cells than a map may have.
 
     Examples
     --------
@@ -123,8 +123,8 @@ def read_grid(message: Any, *, occupied: int = 100, limits: Limits = DEFAULT) ->
         checks.integer(f"info.{n}", getattr(info, n), low=1, high=2**32 - 1, error=BadMap, where=where)
         for n in ("width", "height")
     )
-    if rows * cols > limits.cells:
-        raise TooLarge("info.width * info.height", rows * cols, f"at most {limits.cells} cells", where=where)
+    if rows * cols > DEFAULT.cells:
+        raise TooLarge("info.width * info.height", rows * cols, f"at most {DEFAULT.cells} cells", where=where)
     if len(message.data) != rows * cols:
         raise BadMap("data.length", len(message.data), f"info.width * info.height, {rows * cols}", where=where)
     origin = read_pose(info.origin, where=f"{where}.info.origin")

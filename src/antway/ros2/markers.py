@@ -86,16 +86,16 @@ def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.f
 
 
 def predictions_message(
-    tracks: Tracks, lines: list[NDArray[np.float64]], t: float, make: Make = plain, *, frame: str = "map", step: float = 1.0
+    tracks: Tracks, lines: list[NDArray[np.float64]], t: float, make: Make = plain, *, frame: str = "map"
 ) -> Any:
-    """Return predictions (see `predictions`) as a MarkerArray: a line for each track, and its disc every `step` s, fading."""
+    """Return predictions (see `predictions`) as a MarkerArray: a line for each track, and its disc every second, fading."""
     writer = _Writer(t, make, frame)
     for line, radius in zip(lines, tracks.radius.tolist()):
         if len(line) < 2:
             continue
         writer.add("paths", LINE_STRIP, size=(0.03, 0.0, 0.0), colour=OBSTACLE, points=line[:, 1:].tolist())
-        for when in np.arange(step, line[-1, 0] + 1e-9, step):
+        for when in np.arange(1.0, line[-1, 0] + 1e-9):
             x, y = (float(np.interp(when, line[:, 0], line[:, i])) for i in (1, 2))
-            size, alpha = (2 * radius, 2 * radius, 0.02), float(0.5 * (1.0 - when / (line[-1, 0] + step)))
+            size, alpha = (2 * radius, 2 * radius, 0.02), float(0.5 * (1.0 - when / (line[-1, 0] + 1.0)))
             writer.add("places", CYLINDER, xy=(x, y), size=size, colour=OBSTACLE, alpha=alpha)
     return writer.message()

@@ -17,7 +17,6 @@ from antway.kernels.base.records import RobotLimits
 from antway.kernels.base.rng import make_state
 from antway.kernels.trajectory.smooth import SAMPLES, Curve, Surroundings, improve
 from antway.planning import Plan, Problem, Status, solve
-from antway.trajectory.footprint import covering_discs
 from antway.trajectory.motion import Motion
 from antway.trajectory.profile import stop_at_corners, straight_legs, without_repeats
 from antway.verify_drive import check_motion
@@ -189,13 +188,26 @@ def _surroundings(grid: Grid, robot: RobotSpec, path: Plan, margin: float) -> Su
     clearance = grid.clearance()
     discs, radius = np.zeros((1, 2)), robot.radius
     if robot.footprint is not None:
-        discs, radius = covering_discs(robot.footprint, _DISCS)
+        discs, radius = covering_discs(robot.corners, _DISCS)
     ends = []
     for cell in path.cells[[0, -1]].tolist():
         free = float(clearance[tuple(cell)]) - robot.radius
         ends.append((*grid.centre(tuple(cell)), radius + min(max(free, 0.0), margin)))
     fixed = robot.footprint is not None and not robot.wheels
     return Surroundings(grid.blocked & ~inside, clearance, grid.resolution, radius + margin, np.array(ends), discs, fixed)
+
+
+def covering_discs(corners: NDArray[np.float64], count: int) -> tuple[NDArray[np.float64], float]:
+    """Return the centres, float64[count, 2], and the radius in m of equal discs that cover the box around these corners.
+
+    They are in a row along the longer side; each covers its part of the box exactly to the corners.
+    """
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    axis = int(np.argmax(high - low))
+    step = (high[axis] - low[axis]) / count
+    centres = np.tile((low + high) / 2.0, (count, 1))
+    centres[:, axis] = low[axis] + step * (np.arange(count) + 0.5)
+    return centres, math.hypot(step, float(high[1 - axis] - low[1 - axis])) / 2.0
 
 
 def _curve(line: NDArray[np.float64], spacing: float, task: _Task) -> Motion:

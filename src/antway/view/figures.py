@@ -19,7 +19,7 @@ from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.planning import Plan
 from antway.view import style
-from antway.view.moments import decision_at, meeting, moments, shortest, title_of
+from antway.view.moments import decision_at, in_words, meeting, moments, shortest, title_of
 from antway.view.packing import faint_scale
 from antway.view.style import save
 from antway.world.policy import Decision
@@ -101,7 +101,7 @@ def moment_figure(
     decision = decision_at(trace, step)
     axes.set_title(f"{title}  (t = {trace.t[step]:.1f} s)")
     if caption is None and decision is not None:
-        caption = f"{decision.action.replace('-', ' ')}: {decision.reason}"
+        caption = f"{decision.action.replace('-', ' ')}: {in_words(decision.reason)}"
     if caption is not None:
         axes.set_xlabel(f"x (m)\n{_wrapped(caption)}")
     style.legend_below(axes, columns=3)

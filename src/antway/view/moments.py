@@ -63,11 +63,16 @@ def _largest_deviation(decision: Decision, nodes: NDArray[np.float64]) -> float:
     return float(away.min(axis=1).max())
 
 
+def in_words(text: str) -> str:
+    """Return the name of an encounter, or a text that begins with one, in words."""
+    return text.replace("crossing-", "crossing from the ")
+
+
 def meeting(decision: Decision | None) -> str:
     """Return the caption before an encounter: what the robot would meet, and when, at its present velocity."""
     if decision is None or decision.obstacle is None:
         return "no obstacle is in the robot's way"
-    kind = f" ({decision.encounter.replace('crossing-', 'crossing from the ')})" if decision.encounter else ""
+    kind = f" ({in_words(decision.encounter)})" if decision.encounter else ""
     when, near = decision.time_to_closest, max(decision.distance_at_closest, 0.0)
     if not np.isfinite(when):
         return f"obstacle {decision.obstacle}{kind} will be in the robot's way"

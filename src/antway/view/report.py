@@ -112,7 +112,7 @@ def _table(table: Sequence[Summary]) -> str:
             " / ".join(str(one.outcomes[name]) for name in ("hit-moving", "hit-standing", "hit-wall")),
             " / ".join(str(one.outcomes[name]) for name in ("timeout", "error")),
             _number(one.time_ratio, 4),
-            span(one.time_ratio_interval, 3),
+            span(one.time_ratio_interval),
             *(_number(v, 2) for v in (one.time, one.path_ratio, one.clearance, one.discomfort, one.side_changes, one.jerk)),
             *(_number(v, 2) for v in one.cycle),
         )
