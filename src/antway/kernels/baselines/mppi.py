@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State
-from antway.kernels.controls.colony import normal
+from antway.kernels.controls.colony import nearly_normal
 from antway.kernels.controls.motion import within_limits
 from antway.kernels.controls.problem import ControlProblem
 from antway.kernels.controls.rollout import cost_below
@@ -40,7 +40,7 @@ def path_integral(nominal: NDArray[np.float64], sampling: Sampling, problem: Con
         one = sampling.drawn[i]
         for k in range(steps):
             if k % sampling.block == 0 and i > 1:
-                da, db = normal(state) * sampling.spread_a, normal(state) * sampling.spread_b
+                da, db = nearly_normal(state) * sampling.spread_a, nearly_normal(state) * sampling.spread_b
             one[k, 0], one[k, 1] = within_limits(nominal[k, 0] + da, nominal[k, 1] + db, problem.limits)
         if i == 1:
             one[:] = 0.0

@@ -47,7 +47,7 @@ class ColonySettings(NamedTuple):
 
 
 @inner_kernel
-def normal(state: State) -> float:
+def nearly_normal(state: State) -> float:
     """Return a nearly normal number (mean 0, variance 1): the scaled sum of four uniform numbers from one draw of 64 bits."""
     bits = next_bits(state)
     total = (
@@ -132,8 +132,8 @@ def vary(
     da, db = 0.0, 0.0
     for k in range(len(out)):
         if k % block == 0:
-            da = normal(state) * max(factor * deviation[k // block, 0], least[0])
-            db = normal(state) * max(factor * deviation[k // block, 1], least[1])
+            da = nearly_normal(state) * max(factor * deviation[k // block, 0], least[0])
+            db = nearly_normal(state) * max(factor * deviation[k // block, 1], least[1])
         out[k, 0], out[k, 1] = within_limits(guide[k, 0] + da, guide[k, 1] + db, limits)
 
 
@@ -143,7 +143,7 @@ def draw(archive: Archive, colony: ColonySettings, limits: RobotLimits, state: S
     n = archive.used[0]
     rank = n
     while rank >= n:
-        rank = int(abs(normal(state)) * colony.locality * len(archive.cost))
+        rank = int(abs(nearly_normal(state)) * colony.locality * len(archive.cost))
     guide = archive.order[rank]
     least = colony.wide if uniform(state) < colony.exploration else colony.least
     vary(archive.ant, archive.sequence[guide], archive.spread[guide], colony.xi, least, archive.block, limits, state)

@@ -137,17 +137,8 @@ def turning_times(
     """
     rows, cols = times.shape
     by_heading = np.empty((headings, rows, cols))
-    turn = 2.0 * math.pi / headings
-    steps = np.empty((headings, 6, 4))  # for each heading: next heading, rows, columns, and duration
-    for k in range(headings):
-        by_heading[k] = times
-        for n in range(6):
-            back, side = n % 2 == 1, n // 2 - 1
-            far = (2.0 * radius * math.sin(0.5 * turn) / size if side else _STEP) * (-1.0 if back else 1.0)
-            angle = (k + 0.5 * side) * turn
-            speed, length = v_reverse if back else v_max, radius * turn if side else _STEP * size
-            took = length / speed if speed > 0.0 else math.inf
-            steps[k, n] = float((k + side) % headings), far * math.sin(angle), far * math.cos(angle), took
+    by_heading[:] = times
+    steps = _steps_of_car(headings, size, radius, v_max, v_reverse)
     may = np.zeros((headings, 6, rows, cols), np.bool_)  # whether a step crosses only free cells
     for k in range(headings):
         for n in range(6):
@@ -175,6 +166,24 @@ def turning_times(
                     by_heading[k, r, c] = best
         sweep += 1
     return by_heading
+
+
+@kernel
+def _steps_of_car(headings: int, size: float, radius: float, v_max: float, v_reverse: float) -> NDArray[np.float64]:
+    """Return the steps of a car in each heading, float64[headings, 6, 4]: next heading, rows, columns, and duration in s.
+
+    They lead right, straight and left, each forward and in reverse; the parameters are those of `turning_times`.
+    """
+    steps, turn = np.empty((headings, 6, 4)), 2.0 * math.pi / headings
+    for k in range(headings):
+        for n in range(6):
+            back, side = n % 2 == 1, n // 2 - 1
+            far = (2.0 * radius * math.sin(0.5 * turn) / size if side else _STEP) * (-1.0 if back else 1.0)
+            angle = (k + 0.5 * side) * turn
+            speed, length = v_reverse if back else v_max, radius * turn if side else _STEP * size
+            took = length / speed if speed > 0.0 else math.inf
+            steps[k, n] = float((k + side) % headings), far * math.sin(angle), far * math.cos(angle), took
+    return steps
 
 
 @inner_kernel

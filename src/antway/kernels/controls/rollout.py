@@ -219,6 +219,7 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
         shown = shown if arrived else at
         if k < rows:
             path[k, 0], path[k, 1] = shown.x, shown.y
+        # What walls and obstacles cost in this step.
         wall = clearance(field, at, w.wall_margin + w.wall_range)
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
@@ -229,6 +230,7 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
         decay *= decay_of_step
         if k == 0 and stands:
             cost -= w.stand
+        # From the goal on the robot brakes.
         if not arrived and at_goal(field, at):
             arrived, cost, brakes = True, cost - left * dt, k + 1 + max(round(w.stopping_time / dt) - 1, 0)
         if arrived:
@@ -239,6 +241,7 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
             if cost > limit:
                 return math.inf
             continue
+        # What the time to go costs, by the plan or, if that is more, by the map alone.
         to_go, plan_to_go = time_to_go(field, at), outlook.plan[k, 2]
         px, py = at.x - outlook.plan[k, 0], at.y - outlook.plan[k, 1]
         turning = turning_loss(field, at)

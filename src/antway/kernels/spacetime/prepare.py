@@ -44,18 +44,7 @@ def move_mask(
     height, width = blocked.shape
     rows, cols = (height - first_row + stride - 1) // stride, (width - first_col + stride - 1) // stride
     around, every = stride * longest(offsets) + math.ceil(radius) + 1, np.uint32(0xFFFFFFFF >> (32 - len(offsets)))
-    hit = np.zeros((2 * around + 1, 2 * around + 1), np.uint32)  # moves whose stencil contains the cell at an offset, mirrored
-    body, rim = max(radius, 1e-6), max(radius, 1e-6) + 0.5
-    for r in range(-around, around + 1):
-        for c in range(-around, around + 1):
-            if math.hypot(max(abs(r) - 0.5, 0.0), max(abs(c) - 0.5, 0.0)) < body - 1e-6:  # every stencil contains the disc
-                hit[around + r, around - c] = every
-                continue
-            for k in range(len(offsets)):
-                dr, dc = float(stride * offsets[k, 0]), float(stride * offsets[k, 1])
-                near = min(0.0, dr) - rim < r < max(0.0, dr) + rim and min(0.0, dc) - rim < c < max(0.0, dc) + rim
-                if near and segment_hits_square(0.0, 0.0, dr, dc, float(r), float(c), body):
-                    hit[around + r, around - c] |= np.uint32(1) << np.uint32(k)
+    hit = _stencils(offsets, radius, stride, around, every)
     walls = np.ones((height + 4, width + 4), np.bool_)
     for row in range(height):  # loops, because expressions of whole arrays take seconds to compile
         for col in range(width):
@@ -76,6 +65,27 @@ def move_mask(
                 for j in range(left, min((west + around) // stride + 1, cols)):
                     legal[j] &= ~hits[around - west + stride * j]
     return mask
+
+
+@kernel
+def _stencils(offsets: NDArray[np.int32], radius: float, stride: int, around: int, every: np.uint32) -> NDArray[np.uint32]:
+    """Return the set of moves whose stencils contain each cell up to `around` rows and columns away, columns mirrored.
+
+    `every` is the set of all moves; the other parameters are those of `move_mask`.
+    """
+    hit = np.zeros((2 * around + 1, 2 * around + 1), np.uint32)
+    body, rim = max(radius, 1e-6), max(radius, 1e-6) + 0.5
+    for r in range(-around, around + 1):
+        for c in range(-around, around + 1):
+            if math.hypot(max(abs(r) - 0.5, 0.0), max(abs(c) - 0.5, 0.0)) < body - 1e-6:  # every stencil contains the disc
+                hit[around + r, around - c] = every
+                continue
+            for k in range(len(offsets)):
+                dr, dc = float(stride * offsets[k, 0]), float(stride * offsets[k, 1])
+                near = min(0.0, dr) - rim < r < max(0.0, dr) + rim and min(0.0, dc) - rim < c < max(0.0, dc) + rim
+                if near and segment_hits_square(0.0, 0.0, dr, dc, float(r), float(c), body):
+                    hit[around + r, around - c] |= np.uint32(1) << np.uint32(k)
+    return hit
 
 
 @kernel

@@ -168,6 +168,7 @@ def predict(
         x, y, t, mirrors = x - vx * shift, y - vy * shift, -age - shift, 0
         on_trajectory = k < len(prediction) and not math.isnan(prediction[k, 0, 0])
         while t < horizon and n < len(out):
+            # A segment ends where the tube widens, the predicted velocity changes, or the reduced clearance does ...
             end = horizon
             if not one_width:
                 for tier in _TIERS:
@@ -184,6 +185,7 @@ def predict(
             leaving = too_near and t < stopping_time - shift - 1e-9
             if leaving:
                 end = min(end, stopping_time - shift)
+            # ... or at a wall, which mirrors the track.
             col, row = (x - terrain.x0) / size - 0.5, (y - terrain.y0) / size - 0.5
             share, n_row, n_col = first_wall(
                 terrain.blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, radius / size
