@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from antway import Grid
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import crowd, orca
 from antway.kernels.tracking.predict import FAR_AHEAD, NAME, STEP_TIME, TubeMargins, predict
@@ -24,7 +25,7 @@ def lines_among(rng: np.random.Generator, n: int) -> np.ndarray:
 def test_the_half_plane_is_what_sampling_finds() -> None:
     """The shift is half of the least change of velocity that ends, or just keeps out of, a contact within the horizon."""
     rng = np.random.default_rng(0)
-    for _ in range(cases(5, 500)):
+    for _ in range(cases(10, 500)):
         angle, far = rng.uniform(-math.pi, math.pi), rng.uniform(0.65, 4.0)
         a, u = far * np.array([math.cos(angle), math.sin(angle)]), rng.uniform(-1.5, 1.5, 2)
         x, y, dx, dy = orca.half_plane(*a, *u, 0.6, 5.0, 0.25)
@@ -150,7 +151,7 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
     trajectory = speed * np.column_stack((np.cos(angle), np.sin(angle)))[None]
     paths = np.vstack(([0.0, 0.0], np.cumsum(trajectory[0] * STEP_TIME, axis=0)))
     estimates, out = np.array([[0.0, 0.0, speed, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((100, 8))
-    terrain, stopping_time = Terrain(np.zeros((60, 60), bool), -30.0, -30.0, 1.0), 0.25
+    terrain, stopping_time = Terrain(Grid(np.zeros((60, 60), bool)).blocked, -30.0, -30.0, 1.0), 0.25
     margins = TubeMargins(0.3, 0.01, 0.0, 1.0, math.inf, stopping_time)
     n = predict(estimates, 5.0, 0.0, 6.0, 20.0, 0.0, margins, terrain, trajectory, out)
     assert out[0, 0] == 5.0 - stopping_time and out[n - 1, 1] == pytest.approx(11.0)

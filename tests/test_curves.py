@@ -18,11 +18,12 @@ from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Replay
 from antway.world.policy import RobotSpec, Task
 from antway.world.robots import load_robot
+from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
 from common import cases, changes_of
 from naive import people as naive
 
-AIR = Terrain(np.zeros((1, 1), np.bool_), -1e6, -1e6, 2e6)
+AIR = Terrain(Grid(np.zeros((1, 1), np.bool_)).blocked, -1e6, -1e6, 2e6)
 
 
 def _rates(scans, terrain: Terrain = AIR) -> np.ndarray:
@@ -61,7 +62,7 @@ def test_turn_rates_are_those_of_the_slow_twin() -> None:
 
 def test_a_disc_that_bounces_does_not_turn() -> None:
     """A disc crosses an aisle to and fro aslant: its direction changes at the walls alone."""
-    aisle, x, y, vx, vy, scans = Terrain(np.zeros((15, 200), np.bool_), 0.0, 0.0, 0.1), 2.0, 0.7, 0.4, 0.6, []
+    aisle, x, y, vx, vy, scans = terrain_of(Grid(np.zeros((15, 200), np.bool_), 0.1)), 2.0, 0.7, 0.4, 0.6, []
     for i in range(100):
         estimates = _rows({7: (x, y, vx, vy)})
         estimates[0, RADIUS] = 0.3

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
-from antway.kernels.base.records import RobotState, Terrain
+from antway.kernels.base.records import RobotState
 from antway.kernels.baselines.dwa import Obstacles, roll_out, roll_out_twists, stops_clear
 from antway.kernels.robot.motion import drive_cycle
 from antway.world.motions import BackAndForth, Line
+from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
 from common import cases
 from crossing import crowd
@@ -31,7 +32,7 @@ def obstacles(discs):
 
 
 def roll(command, state, limits, dt, steps, blocked, size, discs):
-    out, terrain = np.empty((1, 5)), Terrain(blocked, 0.0, 0.0, size)
+    out, terrain = np.empty((1, 5)), terrain_of(Grid(blocked, size))
     roll_out(np.array([command]), RobotState(*state), limits, dt, steps, terrain, obstacles(discs), out)
     return out[0]
 
@@ -78,7 +79,7 @@ def test_rollouts_of_twists_are_the_robots_own_arcs() -> None:
         discs = np.column_stack((rng.uniform(1, 6, (3, 2)), rng.uniform(-0.6, 0.6, (3, 2)), np.full(3, 0.5)))
         state = RobotState(4.0, 4.0, rng.uniform(-3, 3), rng.uniform(0, 1), rng.uniform(-1, 1))
         twist, out = np.array([[rng.uniform(-0.3, 1.0), rng.uniform(-1.9, 1.9)]]), np.empty((1, 7))
-        terrain = Terrain(blocked, 0.0, 0.0, 0.2)
+        terrain = terrain_of(Grid(blocked, 0.2))
         roll_out_twists(twist, state, WHEELS.limits, 0.1, 30, 10, terrain, obstacles(discs), out)
         now, touch, wall, after = state, math.inf, math.inf, None
         for i in range(600):
@@ -163,7 +164,7 @@ def test_a_stop_is_clear_where_dense_steps_find_no_wall() -> None:
     for _ in range(cases(200, 3000)):
         state = RobotState(rng.uniform(4.6, 5.7), 4.0, rng.uniform(-1.5, 1.5), rng.uniform(-0.3, 1), rng.uniform(-1.9, 1.9))
         twist = float(rng.uniform(-0.3, 1.0)), float(rng.uniform(-1.9, 1.9))
-        clear = stops_clear(*twist, state, WHEELS.limits, dt, Terrain(blocked, 0.0, 0.0, 0.2))
+        clear = stops_clear(*twist, state, WHEELS.limits, dt, terrain_of(Grid(blocked, 0.2)))
         now, gap, t = state, math.inf, 0.0
         while t < dt or abs(now[3]) > 1e-9:
             gap = min(gap, 6.0 - WHEELS.radius - now[0])

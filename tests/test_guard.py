@@ -10,10 +10,11 @@ import pytest
 
 from antway import BadParameter, Command, Decision, Grid, Observation, RobotSpec, Task, Tracks
 from antway.kernels.base.geometry import segment_hits_cells, swept_discs
-from antway.kernels.base.records import RobotState, Terrain
+from antway.kernels.base.records import RobotState
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, TABLE_COLUMNS, Rules, guarded, within_reach
 from antway.policies.guard import Guard, Guarded, check_observation
+from antway.world.terrain import terrain_of
 from common import cases
 from naive import guard as naive
 
@@ -168,7 +169,7 @@ def test_what_passes_is_what_its_slow_twin_passes(a_max: float, kind: str) -> No
         (px, py), heading, speed = rng.uniform(4, 6, 2), rng.uniform(-3, 3), rng.uniform(0, V_MAX) * (rng.random() < 0.7)
         command = rng.normal(size=2) * rng.choice([0.5, 1.0, 2.0])
         v = (speed * math.cos(heading), speed * math.sin(heading))
-        rules = Rules(robot.limits, Terrain(HALL, 0.0, 0.0, SIZE), DT, 1.5, True)
+        rules = Rules(robot.limits, terrain_of(Grid(HALL, SIZE)), DT, 1.5, True)
         wx, wy, did = guarded(RobotState(px, py, heading, *v), *command, tracks, rules)
         did_all.append(did)
         gaps = naive.gaps_of_fractions(px, py, v, heading, command, tracks, RADIUS, limits, DT, HALL, SIZE)

@@ -166,6 +166,8 @@ def episode(
         for _ in range(50):
             knots = np.concatenate([(discs.xy[k], discs.xy[k] + discs.velocity[k] * DT) for k in range(COUNT)])
             line = Trajectories(np.tile((t, t + DT), COUNT), knots, np.arange(0, 2 * COUNT + 1, 2), discs.radius)
+            for part in line:
+                part.setflags(write=False)  # as those of a world are; else the kernel would be compiled once more
             what, obstacle, _ = play(i, DT, spec.limits, body, record, aim, walls, line, math.inf)
             if what != HIT_STANDING:
                 break

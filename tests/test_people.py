@@ -41,6 +41,7 @@ from antway.policies.antway.tracker import NAMELESS, Tracker
 from antway.policies.guard import MODES, Guard
 from antway.world.motions import Replay
 from antway.world.sensor import Sensor
+from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
 from common import SHARED, cases, changes_of, needs_data
 from naive import people as naive
@@ -49,8 +50,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from people import Told, Untold, swaps
 
 LIMITS = RobotSpec().limits
-OPEN = Terrain(np.zeros((100, 100), np.bool_), 0.0, 0.0, 0.2)
-AIR = Terrain(np.zeros((1, 1), np.bool_), -500.0, -500.0, 1000.0)
+OPEN = terrain_of(Grid(np.zeros((100, 100), np.bool_), 0.2))
+AIR = Terrain(Grid(np.zeros((1, 1), np.bool_)).blocked, -500.0, -500.0, 1000.0)
 TRACKS = np.array([0.0, 0.0, 0.0, 0.0, 0.3, 1.5, 2.2, 0.0])
 
 
@@ -140,7 +141,7 @@ def test_the_average_that_foretold_best_is_taken(sways: bool) -> None:
 
 def test_discs_that_bounce_are_not_averaged() -> None:
     """Discs cross an aisle to and fro; whoever does not know its walls foretells them best by averages, which are wrong."""
-    wrong, aisle = {True: 0, False: 0}, Terrain(np.zeros((15, 200), np.bool_), 0.0, 0.0, 0.1)
+    wrong, aisle = {True: 0, False: 0}, terrain_of(Grid(np.zeros((15, 200), np.bool_), 0.1))
     for known in wrong:
         rng = np.random.default_rng(7)
         for _ in range(cases(20, 300)):
@@ -522,7 +523,7 @@ def test_people_that_appear_vanish_swap_names_stop_and_run(mode: str) -> None:
                 assert math.dist(xy[nearest], at) > 0.6 - 1e-6
 
 
-OPEN_EDGES = Terrain(np.zeros((40, 40), np.bool_), 0.0, 0.0, 0.2)
+OPEN_EDGES = terrain_of(Grid(np.zeros((40, 40), np.bool_), 0.2))
 
 
 def _segments(x: float, v: float, **more: float | bool) -> np.ndarray:
@@ -542,8 +543,9 @@ def test_obstacles_turn_back_at_edges_until_one_is_seen_to_cross_them() -> None:
     for x, crosses in ((7.7, False), (7.9, False), (8.1, True), (8.6, True), (0.1, False), (-0.1, True)):
         for place in ((x, 4.0), (4.0, x)):
             assert crosses_edge(np.array([[*place, 1.0, 0.0, 0.3, 0.0, 0.0, 1.0]]), OPEN_EDGES) == crosses
-    walled = Terrain(OPEN_EDGES.blocked.copy(), 0.0, 0.0, 0.2)
-    walled.blocked[:, 38:] = True
+    walls = np.zeros((40, 40), np.bool_)
+    walls[:, 38:] = True
+    walled = terrain_of(Grid(walls, 0.2))
     estimates, out = np.array([[7.0, 4.0, 1.0, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((32, 8))
     margins = TubeMargins(0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, edges=False)
     n = predict(estimates, 0.0, 0.0, 4.0, 1.0, 1.0, margins, walled, NO_PREDICTIONS, out)

@@ -7,14 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from antway.kernels.base.records import Terrain
+from antway import Grid
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
 from antway.kernels.tracking.prediction_error import COLUMNS, LATER, POOL, compare_predictions, distrust, store_predictions
 from antway.kernels.tracking.table import make_table
+from antway.world.terrain import terrain_of
 from common import cases
 
 BOX = np.zeros((40, 40), np.bool_)
-TERRAIN = Terrain(BOX, 0.0, 0.0, 0.2)  # 8 x 8 m
+TERRAIN = terrain_of(Grid(BOX, 0.2))  # 8 x 8 m
 MARGINS = TubeMargins(0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf)
 
 

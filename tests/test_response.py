@@ -309,16 +309,18 @@ def test_speeds_are_compared_with_places(drive: int) -> None:
 
 
 @pytest.mark.parametrize("robot", ["holonomic", "diff", "jackal"])
-@pytest.mark.parametrize("change", ["no speeds", "robot's frame"])
-def test_a_robot_arrives_though_its_speeds_are_reported_wrongly(robot: str, change: str) -> None:
+def test_a_robot_arrives_though_its_speeds_are_reported_wrongly(robot: str) -> None:
     """It notices, says so, and is not much slower."""
     named = "" if robot == "holonomic" else robot
     episode = Episode("synthetic", "synthetic", "aisles/medium", 0, named)
-    scenario, policy = build(episode), AntwayPolicy()
-    result = run(scenario, Misled(policy, scenario.robot, CHANGES[change]), seed=episode.seed)
-    check_episode(result)
-    assert result.reached and "do not fit its places" in policy.explain().reason
-    assert result.time <= 1.5 * run(scenario, "antway", seed=episode.seed).time
+    scenario = build(episode)
+    right = run(scenario, "antway", seed=episode.seed)
+    for change in ("no speeds", "robot's frame"):
+        policy = AntwayPolicy()
+        result = run(scenario, Misled(policy, scenario.robot, CHANGES[change]), seed=episode.seed)
+        check_episode(result)
+        assert result.reached and "do not fit its places" in policy.explain().reason, change
+        assert result.time <= 1.5 * right.time, change
 
 
 def test_speeds_that_fit_places_are_believed() -> None:
@@ -357,8 +359,7 @@ def test_robots_that_are_slower_than_declared_arrive(robot: str, change: str) ->
     named = "" if robot == "holonomic" else robot
     drives = [Episode("synthetic", "synthetic", f"{kind}/medium", k, named) for kind in ("clutter", "aisles") for k in range(6)]
     assert {play(one, "antway", CHANGES[change])[0] for one in drives} == {"reached"}
-    without = [play(one, "antway/learns_response=False", CHANGES[change])[0] for one in drives]
-    assert not all(outcome == "reached" for outcome in without)
+    assert any(play(one, "antway/learns_response=False", CHANGES[change])[0] != "reached" for one in drives)
 
 
 def test_the_explanation_says_what_was_found() -> None:

@@ -91,12 +91,24 @@ def interrupted(delay: float, number: int, out: Path) -> tuple[int, str]:
         return process.wait(), errors
 
 
+@pytest.fixture(scope="module")
+def seconds(tmp_path_factory: pytest.TempPathFactory) -> float:
+    """How long a run takes."""
+    started = time.monotonic()
+    assert antway(*RUN, "--out", str(tmp_path_factory.mktemp("whole"))).returncode == 5
+    return time.monotonic() - started
+
+
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks at processes in /proc")
-def test_an_interrupt_at_any_time_is_quiet(tmp_path: Path) -> None:
-    """Ctrl-C ends a run with status 130 and no more than a word, from its imports to its files; or it was done already."""
-    rng = np.random.default_rng(1)
-    for delay in [*rng.uniform(0.3, 1.0, cases(5, 100)), *rng.uniform(1.0, 4.0, cases(3, 100))]:
-        status, errors = interrupted(float(delay), signal.SIGINT, tmp_path / "out")
+def test_an_interrupt_at_any_time_is_quiet(tmp_path: Path, seconds: float) -> None:
+    """Ctrl-C ends a run with status 130 and no more than a word, from its imports to its files; or it was done already.
+
+    It comes once in each part of the time that a run takes here.
+    """
+    rng, n = np.random.default_rng(1), cases(3, 200)
+    for share in (np.arange(n) + rng.random(n)) / n:
+        delay = seconds * (0.3 + 0.7 * float(share))
+        status, errors = interrupted(delay, signal.SIGINT, tmp_path / "out")
         assert status in (130, 5), (delay, status, errors)
         assert "Traceback" not in errors and "Error" not in errors, (delay, errors)
 
@@ -133,11 +145,11 @@ def test_an_interrupt_waits_until_a_delicate_module_is_left(module: str) -> None
 
 
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks at processes in /proc")
-def test_what_a_killed_run_leaves_is_sound_or_refused(tmp_path: Path) -> None:
+def test_what_a_killed_run_leaves_is_sound_or_refused(tmp_path: Path, seconds: float) -> None:
     """kill -9 leaves no trace, a sound one, or one that is refused; the next run to the same folder succeeds."""
     rng, out = np.random.default_rng(2), tmp_path / "out"
-    for delay in rng.uniform(0.5, 5.0, cases(2, 50)):
-        status, _ = interrupted(float(delay), signal.SIGKILL, out)
+    for share in rng.uniform(0.3, 1.1, cases(2, 50)):
+        status, _ = interrupted(seconds * float(share), signal.SIGKILL, out)
         assert status in (-signal.SIGKILL, 5)
         if (out / "trace.json").exists():
             try:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import Grid, RobotSpec, Scenario, Task, World, check_episode, run
-from antway.kernels.base.records import RobotState, Terrain
+from antway.kernels.base.records import RobotState
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import CONTACT, TURN_DISTANCE, TURN_TIME
 from antway.kernels.tracking.changes import COLUMNS, FIRST_SECONDS, velocity_changes
@@ -19,11 +19,12 @@ from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Waypoints
 from antway.world.rollouts import empty_outlook
+from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
 from common import cases
 from naive import people as naive
 
-ROOM = Terrain(np.zeros((40, 40), np.bool_), 0.0, 0.0, 0.1)
+ROOM = terrain_of(Grid(np.zeros((40, 40), np.bool_), 0.1))
 
 
 def test_turns_are_those_that_the_slow_twin_counts() -> None:
@@ -60,7 +61,7 @@ def test_a_disc_that_bounces_off_a_wall_does_not_turn() -> None:
         for i in range(80):
             vy = 0.5 if mirrored or vx > 0.0 else -0.5
             estimates = np.array([[x, 1.0, vx, vy, 0.3, 0.0, 0.0, 7.0]])
-            velocity_changes(table, turns, estimates, Terrain(blocked, 0.0, 0.0, 0.1), 0.1 * i, np.empty((1, 4)))
+            velocity_changes(table, turns, estimates, terrain_of(Grid(blocked, 0.1)), 0.1 * i, np.empty((1, 4)))
             x += 0.1 * vx
             vx = -abs(vx) if x > 2.7 else abs(vx) if x < 0.3 else vx
         assert turns[1] == number

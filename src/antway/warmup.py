@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -28,7 +29,7 @@ def warm_up(kinds: Sequence[str] = WARM, *, workers: int = 2) -> Iterator[tuple[
     ----------
     kinds : sequence of str
         "plan" (every planner, smoothing), "run" (policies antway and paper on the shipped scenes), "robots" (with inertia
-        and wheels), "tours" (of cities, on maps, with time windows), "baselines" (every other policy).
+        and wheels, a car), "tours" (of cities, on maps, with time windows), "baselines" (every other policy).
     workers : int
         Number of processes, >= 1. A script that calls this must guard its own code by `if __name__ == "__main__"`.
 
@@ -153,6 +154,16 @@ def _run(policy: str, scene: str = "office", robot: str = "", seconds: float | N
     run(scenario.driven_by(load_robot(robot)) if robot else scenario, policy, horizon=seconds)
 
 
+def _car(policy: str) -> None:
+    """Drive a car whose commands act late and whose sensor has noise."""
+    from antway import load_scenario, run
+    from antway.world.robots import load_robot
+
+    robot = replace(load_robot("turtlebot4"), drive="ackermann", turning_radius=0.5, latency=0.1)
+    scenario = load_scenario("office").driven_by(robot)
+    run(replace(scenario, sensor=replace(scenario.sensor, noise=0.01)), policy, horizon=10.0)
+
+
 def _tour(kind: str) -> None:
     import numpy as np
 
@@ -166,7 +177,8 @@ def _tour(kind: str) -> None:
     elif kind == "with time windows":
         xy = np.asarray(twelve_cities().xy)
         times = np.hypot(*(xy[:, None] - xy[None]).T)
-        solve_tsptw(Tsptw(times, np.array([(0.0, 1000.0)] * 12)), cycles=1)
+        for latest in (1000.0, 1.0):  # s; a tour in time, and one that is late
+            solve_tsptw(Tsptw(times, np.array([(0.0, latest)] * 12)), cycles=1)
     else:
         plan_tour(load_map("office"), (1.5, 3.0), [(22.0, 12.5), (1.5, 12.5), (12.0, 2.0)], robot_radius=0.25, seconds=0.1)
 
@@ -177,6 +189,7 @@ _DO: dict[str, Callable[[str], None]] = {
     "run": _run,
     "rounds by": partial(_run, scene="rounds"),
     "wheels, policy": partial(_run, robot="turtlebot4", seconds=10.0),
+    "car, policy": _car,
     "inertia, policy": partial(_run, robot="inertia", seconds=10.0),
     "paper's scene by": partial(_run, scene="paper", seconds=10.0),
     "tour": _tour,
@@ -184,7 +197,7 @@ _DO: dict[str, Callable[[str], None]] = {
 _TASKS = {
     "plan": [*(("plan by", planner) for planner in PLANNERS), ("plan for", "jackal")],
     "run": [("run", "antway"), ("paper's scene by", "paper"), ("rounds by", "antway")],
-    "robots": [("wheels, policy", "antway"), ("inertia, policy", "antway")],
+    "robots": [("wheels, policy", "antway"), ("car, policy", "antway"), ("inertia, policy", "antway")],
     "tours": [("tour", "of cities"), ("tour", "on a map"), ("tour", "with time windows")],
     "baselines": [("paper's scene by", policy) for policy in POLICIES if policy not in ("antway", "paper", *NEED_PYRVO)],
 }

@@ -10,8 +10,8 @@ import numpy as np
 
 def meets(a: np.ndarray, u: np.ndarray, contact_radius: float, horizon: float) -> bool:
     """Whether two who keep on at relative velocity `u` touch within the horizon, the other being at `a`."""
-    t = np.linspace(0.0, horizon, 2001)[:, None]
-    return bool((np.hypot(*(a - u * t).T) < contact_radius).any())
+    nearest = min(max(float(a @ u) / max(float(u @ u), 1e-300), 0.0), horizon)  # s
+    return math.hypot(*(a - u * nearest)) < contact_radius
 
 
 def least_change(a: np.ndarray, u: np.ndarray, contact_radius: float, horizon: float) -> float:

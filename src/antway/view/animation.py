@@ -258,7 +258,7 @@ def _mark_robot(picture: Image.Image, painter: _Painter, step: int) -> None:
     (x, y), r = painter.at(trace.xy[step]), max(trace.task.robot.radius * painter.scale, ROBOT * SUPER)
     ring, veil = r + HALO * SUPER, Image.new("L", picture.size, 0)
     ImageDraw.Draw(veil).ellipse((x - ring, y - ring, x + ring, y + ring), fill=110)
-    picture.paste(style.BLUE, (0, 0), veil)
+    _tint(picture, style.BLUE, veil)
     draw = ImageDraw.Draw(picture)
     draw.ellipse((x - r, y - r, x + r, y + r), fill=style.BLUE, outline="white", width=SUPER)
     heading = float(trace.heading[step])
@@ -290,7 +290,13 @@ def _paste_predictions(picture: Image.Image, painter: _Painter, step: int) -> No
             (x, y), r = painter.at(there), radius * painter.scale
             draw.ellipse((x - r, y - r, x + r, y + r), fill=strength)
             draw.line([painter.at(here), (x, y)], fill=strength, width=round(2 * r))
-    picture.paste(style.ORANGE, (0, 0), veil)
+    _tint(picture, style.ORANGE, veil)
+
+
+def _tint(picture: Image.Image, colour: str, veil: Image.Image) -> None:
+    """Lay a colour over a picture as far as a veil of its size is opaque, which is a small part of it as a rule."""
+    if (box := veil.getbbox()) is not None:
+        picture.paste(colour, box, veil.crop(box))
 
 
 def _star(draw: ImageDraw.ImageDraw, x: float, y: float, size: float) -> None:
