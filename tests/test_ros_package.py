@@ -31,8 +31,8 @@ def flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 @pytest.mark.parametrize("file", sorted((ROS / "config").glob("*.yaml")), ids=lambda file: file.stem)
 def test_parameter_files_are_accepted(file: Path) -> None:
-    """Every parameter of a file is one of the node's, and the node takes them together."""
-    given = flat(yaml.safe_load(file.read_text(encoding="utf-8"))["antway"]["ros__parameters"])
+    """Every parameter of a file is one of the node's in any namespace, and the node takes them together."""
+    given = flat(yaml.safe_load(file.read_text(encoding="utf-8"))["/**/antway"]["ros__parameters"])
     assert given and set(given) <= set(parameters())
     settings = Settings.of(defaults() | ({"robot.drive": ""} if "robot.name" in given else {}) | given)
     if "robot.name" in given:

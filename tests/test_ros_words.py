@@ -95,6 +95,16 @@ def test_commands_that_nothing_takes_are_told(made) -> None:
     assert node.published["/diagnostics"].sent[-1].status[0].name == "one/antway"
 
 
+@pytest.mark.parametrize(("step", "warned"), [(0.02, False), (0.05, False), (0.1, False), (0.07, True), (0.2, True)])
+def test_odometry_at_rates_that_do_not_fit_is_told(made, step: float, warned: bool) -> None:
+    """Commands are checked for robot.dt, 0.1 s: where odometry is slower than that, they act for longer."""
+    node = made()
+    for k in range(20):
+        node.heard_on["odom"](odometry(5.0 + step * k))
+    node.heard_on["goal_pose"](goal(6.0, 2.0))
+    assert any(f"odometry comes each {step:.2f} s" in text for _, text in node.said) is warned, node.said
+
+
 def test_what_goes_wrong_in_configure_is_told(made, monkeypatch) -> None:
     """Whatever is raised fails the transition with a reason, and leaves nothing open; a type that there is not is named."""
     node = made(configure=False)

@@ -322,15 +322,21 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def go(self, goal: Goal, done: Callable[[End, str], None] | None = None, feed: Callable[[], None] | None = None) -> None:
         """Drive to `goal`; `done` is called with how that ended, `feed` after each command."""
-        if self.cmd_vel.get_subscription_count() == 0:
-            kind, other, topic = (
-                twist_type(self.settings.stamped),
-                twist_type(not self.settings.stamped),
-                self.cmd_vel.topic_name,
-            )
-            self._say(WARN, f"nothing takes {kind} on {topic}; if the base takes {other} there, change `stamped`")
+        if self.pilot.goal is None:
+            self._check_topics()
         self._do(self.pilot.go(goal))
         self.done, self.feed = done, feed
+
+    def _check_topics(self) -> None:
+        """Warn of topics with which no drive can go well."""
+        dt, period, topic = self.settings.robot.dt, self.laser.period(), self.cmd_vel.topic_name
+        if not (period < 0.6 * dt or 0.9 * dt < period < 1.1 * dt):
+            self._say(
+                WARN, f"odometry comes each {period:.2f} s: it should each robot.dt, {dt:g} s, or at least twice as often"
+            )
+        if self.cmd_vel.get_subscription_count() == 0:
+            kind, other = twist_type(self.settings.stamped), twist_type(not self.settings.stamped)
+            self._say(WARN, f"nothing takes {kind} on {topic}; if the base takes {other} there, change `stamped`")
 
     def drop(self, reason: str) -> None:
         """Stop the robot and drop the goal."""
@@ -427,6 +433,9 @@ def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
     try:
         if node.declared.values["autostart"] and node.trigger_configure() is TransitionCallbackReturn.SUCCESS:
             node.trigger_activate()
+        if not node.declared.configured:
+            name = node.get_fully_qualified_name()
+            node.get_logger().info(f"waiting for a lifecycle manager, or `ros2 lifecycle set {name} configure` and `activate`")
         while not over:
             executor.spin_once(timeout_sec=0.1)
     except KeyboardInterrupt:

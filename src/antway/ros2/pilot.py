@@ -274,7 +274,8 @@ class Pilot:
         stamp = self.scan[0]
         if abs(t - stamp) > settings.timeout:
             age = f"{t - stamp:.2f} s older" if stamp < t else f"{stamp - t:.2f} s newer"
-            return self._wait(t, ERROR, f"obstacles are {age} than odometry: {'the sensor' if stamp < t else 'that'} is silent")
+            late = "the sensor" if stamp < t else "odometry"
+            return self._wait(t, ERROR, f"obstacles are {age} than odometry: {late} is silent, or its clock is late")
         if self.policy is None:
             try:
                 standing_cell("goal", goal.xy, self.map, self.inflated_grid(self.map), settings.robot.radius)
