@@ -122,6 +122,7 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     ((*PLAN[:1], "office", "--start", "1.5,3", "--goal", "22,12.5", "--pareto"), "map = (140, 240): must be coarser"),
     (("plan", "room.yaml", "--start", "1,1"), "--goal"),
     ((*PLAN, "--nonsense"), "--nonsense"),
+    (("plan", "room.yaml", "--start", "1.5", "3", "--goal", "9,9"), "(3); X,Y is written without a space"),
     (("fly",), "fly"),
     (("run", "nowhere.toml"), "nowhere.toml"),
     (("run", "room.yaml"), "room.yaml"),

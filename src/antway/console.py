@@ -394,7 +394,9 @@ def exit_with(app: Callable[..., Any]) -> None:
         say(f"error: {f'stdout cannot be written: {os.strerror(errno.ENOSPC)}' if unnamed else error}")
         status = WRONG_INPUT
     except usage_error as error:
-        say(f"error: {' '.join(error.format_message().split())}")
+        text = " ".join(error.format_message().split())
+        hint = "; X,Y is written without a space, and a name with spaces in quotes" * ("extra argument" in text)
+        say(f"error: {text}{hint}")
         status = WRONG_INPUT
     except (KeyboardInterrupt, typer.Abort):
         say("interrupted")
