@@ -13,6 +13,7 @@ from antway.kernels.base.records import Predictions
 from antway.kernels.robot.guard import time_to_contact
 from antway.kernels.robot.reach import least_gap
 from antway.kernels.spacetime.alternatives import passing
+from antway.kernels.spacetime.ants import _Choices, _draw, deposit
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
@@ -313,6 +314,51 @@ def test_trails_keep_within_their_limits() -> None:
     before = trails.tau[at] if trails.key[at] == key else 0.0
     lay(trails, key, 2.0)
     assert trails.tau[slot(trails, key)] == pytest.approx(before + 2.0, abs=1e-6)
+
+
+def test_pheromone_is_laid_on_each_edge_at_the_time_at_which_it_is_left() -> None:
+    """An edge is a cell, the move that leaves it, and the bin of the time at which it is left."""
+    rng, several = np.random.default_rng(13), 0
+    for _ in range(cases(5)):
+        grid, _, start, _, context, segments = local_problem(rng)
+        memory, end, *_ = colony(context, segments, *grid.centre(start))
+        trails, cells, expected, s = make_trails(len(context.field)), len(context.field), set(), end
+        if end < 0:
+            continue
+        deposit(memory, trails, context, end, 0.5)
+        while memory.cell[s] >= 0 and memory.cell[p := memory.parent[s]] >= 0:
+            expected.add((memory.cell[p], memory.cell[s] - memory.cell[p], int(memory.arrival[p] / trails.bin)))
+            s = p
+        keys = [int(key) for key in trails.key if key >= 0]
+        assert {(key // 64 % cells, context.offset[key % 64], key // 64 // cells) for key in keys} == expected
+        several += len({when for *_, when in expected}) > 1
+    assert several
+
+
+def test_moves_are_drawn_in_proportion_to_their_weights() -> None:
+    """A move without weight is never drawn."""
+    weight, state = np.array([1.0, 0.0, 3.0, 4.0]), np.array([5], np.uint64)
+    choices = _Choices(np.arange(4), np.zeros(4), weight)
+    drawn = [_draw(choices, 4, 8.0, state) for _ in range(2000)]
+    assert np.bincount(drawn, minlength=4) / 2000 == pytest.approx(weight / 8.0, abs=0.05) and 1 not in drawn
+
+
+def test_trails_evaporate_by_the_papers_persistence() -> None:
+    """tau <- clip(exp(-1 / tau) + exp(-cycle), 0.1, 0.9) tau; what falls to 1.05, or whose bin has ended, is gone."""
+    rng = np.random.default_rng(12)
+    for _ in range(cases(20)):
+        trails, now, cycle = make_trails(100), float(rng.uniform(0.0, 5.0)), float(rng.integers(1, 8))
+        excess: dict[int, float] = {}
+        for _ in range(40):
+            key, amount = edge(trails, int(rng.integers(100)), 7, float(rng.uniform(0.0, 10.0))), float(rng.uniform(0.0, 8.0))
+            lay(trails, key, amount)
+            excess[key] = excess.get(key, 0.0) + amount
+        evaporate(trails, now, cycle)
+        tau = {key: 1.0 + more for key, more in excess.items() if (key // 6400 + 1) * trails.bin >= now}
+        left = {key: min(max(math.exp(-1.0 / at) + math.exp(-cycle), 0.1), 0.9) * at for key, at in tau.items()}
+        kept = {int(key): 1.0 + float(more) for key, more in zip(trails.key, trails.tau) if key >= 0}
+        assert kept == pytest.approx({key: at for key, at in left.items() if at > 1.05}, rel=1e-5)
+        assert set(np.flatnonzero(trails.mark).tolist()) == {key // 64 % 100 for key in kept}
 
 
 def test_a_window_of_pheromone_holds_the_largest_of_each_cell() -> None:

@@ -202,3 +202,24 @@ def test_start_is_goal() -> None:
     """A path of one cell and no length is legal where the ends coincide."""
     problem = Problem(Grid(np.zeros((1, 1), dtype=bool)), (0, 0), (0, 0))
     check_plan(problem, Plan(Status.FOUND, np.array([[0, 0]], np.int32), 0.0, optimal=True))
+
+
+@pytest.mark.parametrize(
+    ("moves", "step"),
+    [(Moves.SIXTEEN, (2, 0)), (Moves.SIXTEEN, (2, 2)), (Moves.THIRTY_TWO, (3, 3)), (Moves.THIRTY_TWO, (0, 2))],
+)
+def test_two_moves_at_once_are_no_move(moves: Moves, step: Cell) -> None:
+    """Where moves are long, those that are several of another one are none of theirs."""
+    problem = Problem(Grid(np.zeros((5, 5), bool)), (0, 0), step, moves)
+    with pytest.raises(InvalidPlan, match="no such move"):
+        check_plan(problem, Plan(Status.FOUND, np.array([(0, 0), step], np.int32), math.hypot(*step)))
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_no_line_passes_where_two_blocked_cells_touch(turned: bool) -> None:
+    """Neither where they touch from the upper left to the lower right, nor the other way."""
+    ends = [(0, 0), (1, 1)] if turned else [(0, 1), (1, 0)]
+    problem = Problem(Grid(np.eye(2, dtype=bool) != turned), *ends)
+    cells = np.array(ends, np.int32)
+    with pytest.raises(InvalidPlan, match=r"passes \(0\.5, 0\.5\)"):
+        check_plan(problem, Plan(Status.FOUND, cells, math.sqrt(2.0), points=cells.astype(float)))

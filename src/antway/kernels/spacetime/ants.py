@@ -198,7 +198,7 @@ def _weigh(
         likely = float(_EXP[min(int(max(beta * (cost[m] - promised), 0.0) * 64.0), 1023)])
         if has_pheromone:
             i = slot(trails, trail + move[m])
-            likely *= 1.0 + trails.tau[i] if i >= 0 and trails.key[i] >= 0 else 1.0
+            likely *= 1.0 + float(trails.tau[i]) if i >= 0 and trails.key[i] >= 0 else 1.0
         weight[m] = likely
         total += likely
     return n, total
