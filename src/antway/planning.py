@@ -304,10 +304,6 @@ def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: 
     **options
         The planner's own.
 
-    Returns
-    -------
-    Plan
-
     Raises
     ------
     BadParameter

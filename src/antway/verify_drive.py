@@ -86,17 +86,7 @@ def _limit_faults(robot: RobotSpec, motion: Motion) -> Iterator[str]:
     if ends > _NEAR:
         yield "does not stand at both ends"
     if wheels:
-        aside = motion.velocity[:, 1] * np.cos(motion.heading) - motion.velocity[:, 0] * np.sin(motion.heading)
-        if np.abs(aside).max() > _NEAR:
-            yield "moves aside, which wheels do not"
-        if speed.max() > robot.v_max + _NEAR or speed.min() < -robot.v_reverse - _NEAR:
-            yield "is faster than v_max or v_reverse"
-        if np.abs(rate).max() > robot.turn_rate + _NEAR:
-            yield "turns faster than turn_rate"
-        if robot.turning_radius > 0.0 and (np.abs(rate) > np.abs(speed[:, 0]) / robot.turning_radius + _NEAR).any():
-            yield "turns tighter than turning_radius"
-        if (np.abs(np.diff(rate)) > min(robot.alpha_max, _AT_ONCE) * dt * (1 + _NEAR) + 1e-12).any():
-            yield "turns with more than alpha_max"
+        yield from _wheel_faults(robot, motion, speed[:, 0])
     else:
         if np.hypot(*speed.T).max() > robot.v_max + _NEAR:
             yield "is faster than v_max"
@@ -114,6 +104,22 @@ def _limit_faults(robot: RobotSpec, motion: Motion) -> Iterator[str]:
             yield "a place is not where the velocities lead"
         if wheels and _drifts(np.abs(after[:, 2] - motion.heading[1:]), np.abs(rate), robot.turn_rate, dt):
             yield "a heading is not where the turn rates lead"
+
+
+def _wheel_faults(robot: RobotSpec, motion: Motion, speed: Floats) -> Iterator[str]:
+    """Yield what wheels cannot do at these speeds along the heading, float64[N], m/s."""
+    dt, rate = np.diff(motion.t), motion.turn_rate
+    aside = motion.velocity[:, 1] * np.cos(motion.heading) - motion.velocity[:, 0] * np.sin(motion.heading)
+    if np.abs(aside).max() > _NEAR:
+        yield "moves aside, which wheels do not"
+    if speed.max() > robot.v_max + _NEAR or speed.min() < -robot.v_reverse - _NEAR:
+        yield "is faster than v_max or v_reverse"
+    if np.abs(rate).max() > robot.turn_rate + _NEAR:
+        yield "turns faster than turn_rate"
+    if robot.turning_radius > 0.0 and (np.abs(rate) > np.abs(speed) / robot.turning_radius + _NEAR).any():
+        yield "turns tighter than turning_radius"
+    if (np.abs(np.diff(rate)) > min(robot.alpha_max, _AT_ONCE) * dt * (1 + _NEAR) + 1e-12).any():
+        yield "turns with more than alpha_max"
 
 
 def _drifts(missed: Floats, speed: Floats, limit: float, dt: Floats) -> bool:

@@ -84,7 +84,7 @@ def late() -> None:
     from antway import Command, Problem, RobotSpec, Task, load_map, load_scenario, solve
     from antway.kernels.search.polyanya import build_mesh
     from antway.kernels.tracking.predict import crosses_edge
-    from antway.policies.antway.alternatives import Situation, manner
+    from antway.policies.antway.alternatives import Snapshot, manner
     from antway.policies.antway.policy import AntwayPolicy
     from antway.policies.guard import Guard
     from antway.policies.paper.routes import Routes
@@ -97,13 +97,13 @@ def late() -> None:
     s = policy._state
     estimates, prediction = s.crowd.averaged[:1].copy(), s.crowd.prediction[:1].copy()
     estimates[0, :2], prediction[:] = (task.start[0] + 2.0, task.start[1]), 0.0  # an obstacle that is predicted to stand
-    situation = Situation(
+    snapshot = Snapshot(
         s.context, s.settings, s.terrain, 0.0, 0.0, task.start, estimates, prediction, s.plan.segments[:0].copy()
     )
-    path, segments = situation.straight(), situation.segments_of(0)
+    path, segments = snapshot.straight(), snapshot.segments_of(0)
     if path is not None and len(segments):
-        situation.conflict(path, segments)
-        situation.cost(path)
+        snapshot.conflict(path, segments)
+        snapshot.cost(path)
         manner("crossing", (1.0, 0.0), path, segments, 0.0)
     # The rest follows in the reverse order of the episode, so that each process compiles what the other has not reached.
     solve(Problem(task.grid.inflate(0.25), (20, 20), (100, 200)), "anyangle")

@@ -25,8 +25,8 @@ from antway.kernels.tracking.prediction_error import compare_predictions, store_
 from antway.kernels.tracking.table import Table
 
 KEPT, NEW, NONE = range(3)  # what a cycle did with the plan
-# Entries of `Plan.state`: the number of knots, the arrival at the goal in s, the number of cycles in which a plan was made, the
-# time in s before which no better plan is searched for while the obstacles move as predicted, the last lower bound on any
+# Entries of `PlanInUse.state`: number of knots, arrival at the goal in s, number of cycles in which a plan was made,
+# the time in s before which no better plan is searched for while the obstacles move as predicted, the last lower bound on any
 # arrival in s, the number of predicted motion segments, and the time in s that was recently given up for additional clearance.
 KNOT_COUNT, ARRIVAL, PLANNED, NEXT_SEARCH, BOUND, SEGMENT_COUNT, DELAY_SPENT = range(7)
 _ON_PLAN = 0.02  # m; a robot that is farther from its place on the plan does not follow the plan any more
@@ -74,7 +74,7 @@ class Crowd(NamedTuple):
     velocity_error: NDArray[np.float64]  # [M] m/s; standard deviation of the predicted velocity of each track
 
 
-class Plan(NamedTuple):
+class PlanInUse(NamedTuple):
     """The plan in use, and the prediction against which it was last tested."""
 
     knots: NDArray[np.float64]  # [N, 3] rows (t, x, y)
@@ -88,7 +88,7 @@ class _Cycle(NamedTuple):
     context: PlanningContext
     terrain: Terrain
     settings: Settings
-    plan: Plan
+    plan: PlanInUse
     estimates: NDArray[np.float64]  # [K, 8] with the velocities and errors that are predicted
     trajectories: NDArray[np.float64]  # [K, STEPS, 2] m/s; predicted velocities
     now: float  # s
@@ -279,7 +279,7 @@ def cycle(
     context: PlanningContext,
     terrain: Terrain,
     settings: Settings,
-    plan: Plan,
+    plan: PlanInUse,
     crowd: Crowd,
     estimates: NDArray[np.float64],
     now: float,

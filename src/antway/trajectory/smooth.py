@@ -99,10 +99,6 @@ def smooth(
     trials : int
         Number of moves tried for each control point, 1 to 10,000; fewer on very long paths.
 
-    Returns
-    -------
-    Smoothed
-
     Raises
     ------
     BadParameter

@@ -32,18 +32,18 @@ _UNREACHABLE = 1e6  # s; travel time in place of an infinite one, for the search
 Floats = NDArray[np.float64]
 
 
-class Outlook(NamedTuple):
+class OrderOutlook(NamedTuple):
     """What an order promises if the robot follows it from now on."""
 
     lateness: float  # s; sum over the remaining stops
     end: float  # s; time of arrival at the goal
 
-    def clearly_better_than(self, other: Outlook) -> bool:
+    def clearly_better_than(self, other: OrderOutlook) -> bool:
         """Tell whether it avoids all lateness, is clearly less late, or is not later and ends clearly earlier."""
         less_late = self.lateness == 0.0 < other.lateness or self.lateness < other.lateness - LESS_LATE
         return less_late or (self.lateness <= other.lateness and self.end < other.end - EARLIER)
 
-    def clearly_worse_than(self, promised: Outlook) -> bool:
+    def clearly_worse_than(self, promised: OrderOutlook) -> bool:
         """Tell whether the robot is late for the first time, or clearly later than it was promised."""
         later = self.lateness > 0.0 == promised.lateness or self.lateness > promised.lateness + LESS_LATE
         return later or self.end > promised.end + EARLIER
@@ -111,7 +111,7 @@ class OrderPlanner:
         times: Floats = lengths / self.speed
         return times
 
-    def outlook(self, xy: XY, now: float, order: Sequence[int]) -> Outlook:
+    def outlook(self, xy: XY, now: float, order: Sequence[int]) -> OrderOutlook:
         """Return what an order of at least one stop promises at time `now`, s.
 
         Only the path from `xy` to the first stop is measured anew; the others are those without moving obstacles.
@@ -119,7 +119,7 @@ class OrderPlanner:
         lengths = [self.path_length(xy, self.stops[order[0]].at), *self.distances[order, [*order[1:], -1]].tolist()]
         return self._followed(order, [length / self.speed for length in lengths], now)
 
-    def _followed(self, order: Sequence[int], legs: Sequence[float], now: float) -> Outlook:
+    def _followed(self, order: Sequence[int], legs: Sequence[float], now: float) -> OrderOutlook:
         """Return the outlook of an order with these travel times to each stop and, last, to the goal, s."""
         lateness = 0.0
         for stop, leg in zip(order, legs, strict=False):
@@ -127,9 +127,9 @@ class OrderPlanner:
             now = max(now + leg, earliest)
             lateness += max(0.0, now - latest)
             now += self.stops[stop].service
-        return Outlook(lateness, now + legs[-1])
+        return OrderOutlook(lateness, now + legs[-1])
 
-    def improve(self, xy: XY, now: float, remaining: Sequence[int], order: Sequence[int]) -> tuple[list[int], Outlook]:
+    def improve(self, xy: XY, now: float, remaining: Sequence[int], order: Sequence[int]) -> tuple[list[int], OrderOutlook]:
         """Search for the best order of the remaining stops, and take it in place of `order` if it is clearly better.
 
         Stops that cannot be reached at present, or are occupied, come last, and the outlook leaves them out.
@@ -144,7 +144,7 @@ class OrderPlanner:
         rows = [0, *(row[stop] for stop in reachable), -1]
         found = self._best(reachable, times[np.ix_(rows, rows)], now, order) if reachable else []
 
-        def outlook(stops: Sequence[int]) -> Outlook:
+        def outlook(stops: Sequence[int]) -> OrderOutlook:
             rows = [0, *(row[stop] for stop in stops), -1]
             return self._followed(stops, times[rows[:-1], rows[1:]].tolist(), now)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
-from antway.world.order_planner import OrderPlanner, Outlook
+from antway.world.order_planner import OrderOutlook, OrderPlanner
 from antway.world.policy import XY, Command, Decision, Observation, Policy, Task, as_policy
 from antway.world.standing import StandingObstacles
 from antway.world.stops import Rounds, Stop, Turn, Visit
@@ -75,7 +75,7 @@ class RoundsPolicy:
         self.reviewed = 0.0  # s; time of the last review
         self.remaining = list(range(len(self.stops)))
         self.order: list[int] = []
-        self.promised = Outlook(0.0, 0.0)  # of the order, when it was chosen
+        self.promised = OrderOutlook(0.0, 0.0)  # of the order, when it was chosen
         self.service: _Service | None = None
         self.visits: list[Visit] = []
         self.turns: list[Turn] = []

@@ -89,19 +89,23 @@ def beyond_walls(field: NDArray[np.float64], step: float, layers: int) -> NDArra
         for i in range(rows):
             for j in range(cols):
                 if math.isinf(before[i, j]):
-                    low, high = math.inf, -math.inf
-                    for di in range(-1, 2):
-                        for dj in range(-1, 2):
-                            r, c = i + di, j + dj
-                            if 0 <= r < rows and 0 <= c < cols and math.isfinite(before[r, c]):
-                                low = min(low, before[r, c] + step * math.hypot(di, dj))
-                                high = max(high, before[r, c])
-                    out[i, j] = low if high <= low + _SIDES * step else high + step
+                    out[i, j] = _beside(before, i, j, step)
     for i in range(rows):
         for j in range(cols):
             if math.isinf(out[i, j]):
                 out[i, j] = top + layers * step
     return out.astype(np.float32)
+
+
+@inner_kernel
+def _beside(times: NDArray[np.float64], i: int, j: int, step: float) -> float:
+    """Return the time of cell (i, j) in a wall by its neighbours, `step` s a cell; infinite if none of them has a time."""
+    low, high = math.inf, -math.inf
+    for r in range(max(i - 1, 0), min(i + 2, times.shape[0])):
+        for c in range(max(j - 1, 0), min(j + 2, times.shape[1])):
+            if math.isfinite(times[r, c]):
+                low, high = min(low, times[r, c] + step * math.hypot(r - i, c - j)), max(high, times[r, c])
+    return low if high <= low + _SIDES * step else high + step
 
 
 @kernel

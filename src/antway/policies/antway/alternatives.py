@@ -33,7 +33,7 @@ _APART = 1.5  # 1; discs this many radii apart leave no gap between them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Situation:
+class Snapshot:
     """The data of a control cycle, from which alternatives can be computed later."""
 
     context: PlanningContext
@@ -115,7 +115,7 @@ class Weighed(Sequence[tuple[str, float]]):
 
     Parameters
     ----------
-    situation : Situation
+    snapshot : Snapshot
     k : int
         Row of the track that the robot avoids.
     encounter : str
@@ -128,8 +128,8 @@ class Weighed(Sequence[tuple[str, float]]):
         Side on which this action passes the track.
     """
 
-    def __init__(self, situation: Situation, k: int, encounter: str, velocity: XY, done: tuple[str, float], how: str) -> None:
-        self._asked = situation, k, encounter, velocity, how
+    def __init__(self, snapshot: Snapshot, k: int, encounter: str, velocity: XY, done: tuple[str, float], how: str) -> None:
+        self._asked = snapshot, k, encounter, velocity, how
         self._done = done
 
     def __deepcopy__(self, memo: object) -> Weighed:
@@ -179,7 +179,7 @@ def _wall(own: NDArray[np.float64], leaving: str, velocity: XY, robot: XY, now: 
     return np.vstack(rows) if rows else own[:0]
 
 
-def _wait(now: Situation) -> tuple[str, float]:
+def _wait(now: Snapshot) -> tuple[str, float]:
     """Return the shortest wait after which the direct path is free within the horizon, and its cost."""
     path, farthest = now.straight(), -math.inf
     if path is None:

@@ -13,7 +13,7 @@ from antway.kernels.base.records import VY as VY_OF
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
 from antway.planning import TimedPath
-from antway.policies.antway.alternatives import Situation, Weighed, manner
+from antway.policies.antway.alternatives import Snapshot, Weighed, manner
 from antway.policies.antway.tracker import NAMELESS
 from antway.policies.encounter import closest_approach, encounter
 from antway.world.policy import XY, Decision
@@ -24,7 +24,7 @@ _LATE = 0.05  # s; a robot that loses less time than this is not held up
 
 
 def explain(
-    now: Situation,
+    now: Snapshot,
     path: TimedPath | None,
     cost: float,
     bound: float,
@@ -36,7 +36,7 @@ def explain(
 
     Parameters
     ----------
-    now : Situation
+    now : Snapshot
         The data of the cycle.
     path : TimedPath or None
         The plan in use; it starts at or before `now.now`.
@@ -98,7 +98,7 @@ def explain(
     )
 
 
-def _predicted(now: Situation) -> NDArray[np.float32] | None:
+def _predicted(now: Snapshot) -> NDArray[np.float32] | None:
     """Return the prediction in the form of `Decision`, with the radii of the tubes."""
     rows = now.segments[now.segments[:, T0] < now.now + _SHOWN]
     if not len(rows):
@@ -126,14 +126,14 @@ def wait_of(path: TimedPath, now: float) -> float:
     return float(path.t[i - 1]) - now if i > start else 0.0
 
 
-def _approach(now: Situation, row: Sequence[float], velocity: XY) -> tuple[float, float]:
+def _approach(now: Snapshot, row: Sequence[float], velocity: XY) -> tuple[float, float]:
     """Return when a track comes closest to a robot with this velocity, s, and the gap between their edges then, m."""
     at = (row[X] + row[VX] * now.age, row[Y] + row[VY] * now.age)
     when, distance = closest_approach(now.xy, velocity, at, (row[VX], row[VY]))
     return when, distance - row[RADIUS] - now.settings.tubes.robot_radius
 
 
-def _nearest(now: Situation, velocity: XY, ahead: float) -> tuple[int | None, float, float]:
+def _nearest(now: Snapshot, velocity: XY, ahead: float) -> tuple[int | None, float, float]:
     """Return the row, time and gap of the first track that would come within 0.5 m at the present velocity."""
     best: tuple[int | None, float, float] = (None, math.nan, math.nan)
     for k, row in enumerate(now.estimates.tolist()):
@@ -143,7 +143,7 @@ def _nearest(now: Situation, velocity: XY, ahead: float) -> tuple[int | None, fl
     return best
 
 
-def _hindrance(now: Situation, memory: Memory) -> tuple[int | None, float, XY]:
+def _hindrance(now: Snapshot, memory: Memory) -> tuple[int | None, float, XY]:
     """Return the row of the first track met on the direct path, the time in s, and the robot's velocity then."""
     path, best, first = now.straight(memory), None, math.inf
     if path is None or now.conflict(path, now.segments) == math.inf:

@@ -23,7 +23,7 @@ from antway.kernels.spacetime.pheromone import window
 from antway.kernels.tracking.predict import crosses_edge
 from antway.kernels.tracking.prediction_error import distrust
 from antway.planning import TimedPath
-from antway.policies.antway.alternatives import Situation
+from antway.policies.antway.alternatives import Snapshot
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain, wait_of
@@ -31,7 +31,6 @@ from antway.policies.antway.nodes import narrow_contexts, on_cells, planning_con
 from antway.policies.antway.response import Response, tops
 from antway.policies.antway.settings import make_settings
 from antway.policies.antway.state import (
-    Cycle,
     State,
     carried_on,
     change_nodes,
@@ -229,7 +228,7 @@ class AntwayPolicy:
             if what != KEPT:
                 s.path = self._planned()
         if s.decision is None:
-            s.cycle, s.guard_did = Cycle(observation, s.plan.state.item(ARRIVAL), s.plan.state.item(BOUND)), guard_did
+            s.cycle, s.guard_did = (observation, s.plan.state.item(ARRIVAL), s.plan.state.item(BOUND)), guard_did
         self.sent(observation, command)
         return command
 
@@ -387,7 +386,7 @@ class AntwayPolicy:
             t, (x, y) = float(seen.t), seen.xy
             wait = 0.0 if s.path is None else wait_of(s.path, t)
             s.until = t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
-            situation = Situation(
+            snapshot = Snapshot(
                 s.detours.without(s.context) if s.detours.expects else s.context,
                 s.settings,
                 s.terrain,
@@ -398,7 +397,7 @@ class AntwayPolicy:
                 s.crowd.prediction[:known].copy(),
                 s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
             )
-            s.decision = explain(situation, s.path, arrival - t, bound - t, s.guard_did, self.pheromone(), self.memory())
+            s.decision = explain(snapshot, s.path, arrival - t, bound - t, s.guard_did, self.pheromone(), self.memory())
             why, doubt = self.guard.why if self.guard else "", _DOUBT if s.tracker.doubts_velocities else ""
             s.decision = replace(s.decision, reason="; ".join(filter(None, (s.decision.reason, why, str(s.response), doubt))))
         return s.decision

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.records import Terrain
-from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, Crowd, Plan, Settings
+from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, Crowd, PlanInUse, Settings
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
@@ -30,14 +29,6 @@ _BRAKES = 0.5  # s; with tracks in sight, a robot that follows the plan drives n
 _BIN = 0.5  # s; pheromone is kept for bins of arrival of this width
 _SEGMENTS = 48  # limit of motion segments of a track: the steps of its trajectory, the widths of its tube, four walls
 Paces = tuple[tuple[PlanningContext, float], ...]
-
-
-class Cycle(NamedTuple):
-    """The control cycle that the explanation is about."""
-
-    observation: Observation
-    arrival: float  # s; arrival of the plan at the goal, absolute
-    bound: float  # s; lower bound on any arrival, absolute
 
 
 @dataclass(slots=True, eq=False)
@@ -68,8 +59,9 @@ class State:
         Time of the first observation, s; NaN before.
     path : TimedPath or None
         The plan in use, as it was made.
-    cycle : Cycle or None
-        The control cycle that the explanation is about.
+    cycle : (Observation, float, float) or None
+        The control cycle that the explanation is about: what was observed, when the plan arrives at the goal, s, and a lower
+        bound on any arrival, s.
     guard_did : str
         What the guard did then.
     decision : Decision or None
@@ -85,7 +77,7 @@ class State:
     context: PlanningContext
     memory: Memory | None
     trails: Trails
-    plan: Plan
+    plan: PlanInUse
     tracker: Tracker
     crowd: Crowd
     seed: int
@@ -95,7 +87,7 @@ class State:
     controls: ControlColony | None = None
     started: float = math.nan
     path: TimedPath | None = None
-    cycle: Cycle | None = None
+    cycle: tuple[Observation, float, float] | None = None
     guard_did: str = ""
     decision: Decision | None = None
     until: float = math.inf
@@ -152,10 +144,10 @@ def make_trails(cells: int) -> Trails:
     return Trails(np.full(TRAILS, -1, np.int64), np.zeros(TRAILS, np.float32), np.zeros(cells, np.bool_), _BIN)
 
 
-def make_plan() -> Plan:
+def make_plan() -> PlanInUse:
     """Return the record of a plan, without one yet."""
     state = np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0])
-    return Plan(np.empty((KNOTS, 3)), np.empty((most_segments(ROWS), 8)), state)
+    return PlanInUse(np.empty((KNOTS, 3)), np.empty((most_segments(ROWS), 8)), state)
 
 
 def make_crowd(task: Task, rows: int) -> Crowd:
@@ -174,7 +166,7 @@ def make_crowd(task: Task, rows: int) -> Crowd:
     )
 
 
-def drop_plan(plan: Plan) -> None:
+def drop_plan(plan: PlanInUse) -> None:
     """Let the next cycle plan anew."""
     plan.state[KNOT_COUNT], plan.state[ARRIVAL] = 0, math.inf
 
