@@ -11,8 +11,10 @@ import pytest
 from antway import BadParameter, Grid, Moves, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, run
 from antway.arena.suites import Episode, build
 from antway.kernels.base.records import RobotState
+from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
+from antway.kernels.controls.motion import motion_state
 from antway.kernels.controls.others import average, restart
 from antway.kernels.controls.outlook import spread_plan
 from antway.kernels.controls.rollout import judge
@@ -65,7 +67,7 @@ def test_discs_cover_the_footprint_and_extend_beyond_it_by_half_a_centimetre(rob
 )
 def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
     colony, rng = _colony(robot), np.random.default_rng(5)
-    steps = len(colony.problem.outlook.near)
+    steps = len(colony.problem.outlook.plan)
     for trial in range(20):
         weights = colony.problem.weights._replace(turn_risk=4.0, wall_range=0.4 * (trial % 2))
         colony.problem = colony.problem._replace(weights=weights)
@@ -89,6 +91,7 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
                     contact + rng.uniform(0.05, 0.4),
                     rng.uniform(0.1, 1.0),
                 )
+        colony.problem.outlook.disc[steps] = colony.problem.outlook.disc[steps - 1]  # those that count afterwards
         colony.problem.outlook.plan[:] = [3.0, 4.0, 2.0 if trial % 3 else -math.inf]
         path = np.zeros((steps, 2))
         cost = judge(controls, colony.problem, math.inf, path)
@@ -102,7 +105,7 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
 
 def test_a_rollout_is_given_up_as_soon_as_the_plan_shows_that_it_must_be_too_dear_and_no_sooner() -> None:
     colony, rng = _colony(WHEELS), np.random.default_rng(8)
-    steps = len(colony.problem.outlook.near)
+    steps = len(colony.problem.outlook.plan)
     for arrival in (9.0, 14.0, 30.0):  # 8 s away: the plan waits for 1, 6 and 22 s
         knots = np.array([(0.0, 1.1, 4.1), (arrival - 7.0, 1.1, 4.1), (arrival, 8.9, 4.1)])
         spread_plan(knots, 0.0, WHEELS.dt, arrival, 0.3, colony.problem.outlook.plan)
@@ -116,12 +119,31 @@ def test_a_rollout_is_given_up_as_soon_as_the_plan_shows_that_it_must_be_too_dea
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
+def test_what_obstacles_cost_afterwards_is_the_least_of_nine_motions(robot: RobotSpec) -> None:
+    colony, rng = _colony(robot), np.random.default_rng(6)
+    problem, costs = colony.problem, set()
+    for _ in range(40):
+        n = int(rng.integers(1, 8))
+        problem.outlook.near[-1] = n
+        for disc in problem.outlook.disc[-1, :n]:
+            disc[:2], disc[2], disc[5:7] = rng.uniform((0.0, 2.0), (4.0, 6.0)), rng.uniform(0.5, 0.7), rng.uniform(-1.4, 1.4, 2)
+            disc[7], disc[8], disc[9] = rng.choice([0.7, math.inf]), disc[2] + rng.uniform(0.1, 0.6), rng.integers(3)
+        problem.outlook.harm[:3] = rng.choice([0.0, 1.0], 3)
+        state = RobotState(*rng.uniform((0.8, 3.0, -3.0), (3.0, 5.0, 3.0)), *rng.uniform((-0.3, -1.0), (0.9, 1.0)))
+        cost = cost_afterwards(motion_state(state), problem, 0.8)
+        harm = dict(enumerate(problem.outlook.harm.tolist()))
+        assert cost == pytest.approx(naive.afterwards_of(state, problem, 0.8, harm), abs=0.02)
+        costs.add(round(cost, 3))
+    assert 0.0 in costs and len(costs) > 10
+
+
+@pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
 def test_a_rollout_that_reaches_the_goal_sooner_costs_so_much_less(robot: RobotSpec) -> None:
     """A second is a second, before the end of the rollout too: else robots dawdle in front of the goal."""
     colony = _colony(robot)
     colony.problem = colony.problem._replace(start=RobotState(7.7, 4.1, 0.0, 0.5, 0.0))
     problem = colony.problem._replace(weights=colony.problem.weights._replace(progress=0.0))
-    fast, slow = (np.full((len(colony.problem.outlook.near), 2), (speed, 0.0)) for speed in (1.0, 0.5))
+    fast, slow = (np.full((len(colony.problem.outlook.plan), 2), (speed, 0.0)) for speed in (1.0, 0.5))
     costs = [judge(one, problem, math.inf, np.empty((0, 2))) for one in (fast, slow)]
     assert costs[1] - costs[0] == pytest.approx(1.0 / 0.5 - (1.0 + 0.125), abs=robot.dt)  # 1 m to go
     assert costs == pytest.approx([naive.cost_of(one, problem) for one in (fast, slow)])
@@ -136,7 +158,7 @@ def test_a_rollout_that_could_not_stop_behind_the_goal_costs_more(robot: RobotSp
     edge = (field.wall.shape[1] - 1) / field.wall_frame[2] - robot.radius
     problem = colony.problem._replace(field=field._replace(goal=np.array([edge - 0.15, 4.1, 0.2, math.inf])), weights=weights)
     for speed in (0.6, 0.7, 1.0):
-        controls, path = np.full((len(colony.problem.outlook.near), 2), (speed, 0.0)), np.zeros((60, 2))
+        controls, path = np.full((len(colony.problem.outlook.plan), 2), (speed, 0.0)), np.zeros((60, 2))
         cost = judge(controls, problem, math.inf, path)
         arrived = int((path[:, 0] > edge - 0.35).argmax())
         assert arrived > 0

@@ -103,17 +103,69 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
     cost += sum(harm.values())
     if arrived < math.inf:
         return cost - (len(controls) - 1 - arrived) * dt
+    cost += afterwards_of(now, problem, math.exp(-w.decay * len(controls) * dt), harm)
     return cost + max(value, to_go + lost_of(now, limits, field))
+
+
+def _downhill(x: float, y: float, field: StaticField) -> np.ndarray:
+    cell = 1.0 / field.time_frame[2]
+    return np.array(
+        [
+            bilinear(field.time, x - dx, y - dy, field.time_frame) - bilinear(field.time, x + dx, y + dy, field.time_frame)
+            for dx, dy in ((cell, 0.0), (0.0, cell))
+        ]
+    )
+
+
+def afterwards_of(state: tuple[float, ...], problem: ControlProblem, decay: float, harm: dict[int, float]) -> float:
+    """What obstacles cost in the 3 s after a rollout, with each of nine motions followed in small steps; the least counts."""
+    x, y, theta, a, b = state
+    limits, field, outlook, w = problem.limits, problem.field, problem.outlook, problem.weights
+    discs = outlook.disc[-1, : outlook.near[-1]].tolist()
+    if not discs or not len(outlook.harm):
+        return 0.0
+    t, down = np.linspace(0.0, 3.0, 6001), _downhill(x, y, field)
+    down /= np.hypot(*down)
+    costs = []
+    for angle in (*np.radians((0, 45, -45, 90, -90, 135, -135, 180)), None):
+        moves, cost = np.zeros(len(t)), 1.5
+        if angle is not None:
+            cost = 1.5 * (1.0 - math.cos(angle))
+            u = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]) @ down
+            speed = limits.v_max
+            if limits.drive:
+                off, now = math.acos(min(max(float(u @ (math.cos(theta), math.sin(theta))), -1.0), 1.0)), a
+                if off > 0.5 * math.pi and limits.v_reverse > 0.0:
+                    off, now, speed = math.pi - off, -a, limits.v_reverse
+                late = off / limits.turn_rate + max(speed - max(now, 0.0), 0.0) / limits.a_max / 2.0
+            else:
+                late = math.dist(speed * u, (a, b)) / limits.a_max / 2.0
+            late = min(late, 3.0)
+            free = 0
+            while free < 3:
+                far = speed * (3.0 - late) * (free + 1) / 3.0
+                if bilinear(field.wall, x + far * u[0], y + far * u[1], field.wall_frame) < w.wall_margin:
+                    break
+                free += 1
+            moves = speed * np.clip(t - late, 0.0, (3.0 - late) * free / 3.0)
+        robot = np.array([x, y]) + moves[:, None] * (down if angle is None else u)
+        for cx, cy, contact, _, _, vx, vy, straight, risky, owner, _, _ in discs:
+            seen = t <= straight
+            away = np.hypot(*(robot - [cx, cy] - t[:, None] * [vx, vy])[seen].T).min()
+            if away < risky:
+                sure = min((risky - contact) / 0.3, 1.0)
+                sure *= min(math.hypot(vx, vy) / limits.v_max, 1.0)
+                danger = decay * w.risk * sure * min((risky - away) / (risky - contact), 1.0) ** 2
+                cost += max(danger - harm[int(owner)], 0.0)
+        costs.append(cost)
+    return min(costs)
 
 
 def lost_of(state: tuple[float, ...], limits: RobotLimits, field: StaticField) -> float:
     """Time lost to ramps and turns, driven in small steps: on a ramp to full speed, and turning while at full speed."""
     x, y, theta, a, b = state
-    cell, h = 1.0 / field.time_frame[2], 1e-4
-    down = [
-        bilinear(field.time, x - dx, y - dy, field.time_frame) - bilinear(field.time, x + dx, y + dy, field.time_frame)
-        for dx, dy in ((cell, 0.0), (0.0, cell))
-    ]
+    h = 1e-4
+    down = _downhill(x, y, field)
     to_go = max(bilinear(field.time, x, y, field.time_frame), 0.0)
 
     def ramp(speed: float, top: float) -> float:

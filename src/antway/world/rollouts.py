@@ -86,8 +86,8 @@ def empty_outlook(steps: int, summed: bool = False) -> Outlook:
     """
     plan = np.full((steps, 3), -math.inf)
     plan[:, :2] = 0.0
-    discs, harm = np.zeros((steps, _OBSTACLES, COLUMNS)), np.zeros(0 if summed else _OBSTACLES)
-    return Outlook(np.zeros(steps, np.int64), discs, harm, plan)
+    discs, harm = np.zeros((steps + 1, _OBSTACLES, COLUMNS)), np.zeros(0 if summed else _OBSTACLES)
+    return Outlook(np.zeros(steps + 1, np.int64), discs, harm, plan)
 
 
 def _by_heading(

@@ -164,7 +164,7 @@ def refill(archive: Archive, lattice: Lattice, problem: ControlProblem, most: in
     for i in range(n):
         archive.ant[:] = kept[order[i]]
         take(archive, problem)
-    if problem.outlook.near.any():
+    if problem.outlook.near[:-1].any():
         best_arcs(archive.ant, lattice, problem)
         take(archive, problem)
     for i in range(SEEDS):

@@ -27,6 +27,8 @@ from antway.kernels.controls.problem import (
     Outlook,
 )
 
+AFTERWARDS = 3.0  # s; after the end of a rollout, obstacles count for this time (kernels/controls/afterwards.py)
+
 
 class Margins(NamedTuple):
     """Distances to keep from obstacles, and how uncertain their places become."""
@@ -78,7 +80,7 @@ def look_ahead(
         By how much the velocities of obstacles change when they turn, m/s; 0 if they do not turn.
     """
     v_max, stopping_time = bounds.v_max, bounds.stopping_time
-    steps, size = len(outlook.near), outlook.disc.shape[1]
+    steps, size = len(outlook.plan), outlook.disc.shape[1]
     outlook.near[:] = 0
     obstacle = -1
     for p in range(len(segments)):
@@ -90,8 +92,8 @@ def look_ahead(
         speed = min(math.hypot(vx, vy) + bounds.growth, bounds.obstacle)
         turns = p + 1 < len(segments) and segments[p + 1, records.T0] == t1
         turns = turns and (segments[p + 1, records.VX] != vx or segments[p + 1, records.VY] != vy)
-        for k in range(max(math.ceil((t0 - now) / dt - 1e-9) - 1, 0), steps):
-            t = now + (k + 1) * dt
+        for k in range(max(math.ceil((t0 - now) / dt - 1e-9) - 1, 0), steps + 1):
+            t = now + min(k + 1, steps) * dt
             if t >= t1:
                 break
             if t < t0 - 1e-9:
@@ -103,7 +105,8 @@ def look_ahead(
             turn_time = min(t - now, margins.response + change / margins.agility)
             turned = change * turn_time - 0.5 * margins.agility * max(turn_time - margins.response, 0.0) ** 2
             while_stopping = speed * stopping_time + 0.5 * v_max * stopping_time
-            far = contact + max(margins.preferred_gap, uncertain, turned, while_stopping) + v_max * (k + 1) * dt + 0.01
+            span = v_max * min(k + 1, steps) * dt + ((v_max + math.hypot(vx, vy)) * AFTERWARDS if k == steps else 0.0)
+            far = contact + max(margins.preferred_gap, uncertain, turned, while_stopping) + span + 0.01
             dx, dy = x - start.x, y - start.y
             if dx * dx + dy * dy < far * far and outlook.near[k] < size:
                 disc = outlook.disc[k, outlook.near[k]]

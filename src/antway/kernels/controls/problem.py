@@ -39,8 +39,8 @@ class StaticField(NamedTuple):
 class Outlook(NamedTuple):
     """Obstacles that the robot could come near to, at the end of each step of a rollout, and the plan in space and time."""
 
-    near: NDArray[np.int64]  # [S] number of obstacles
-    disc: NDArray[np.float64]  # [S, N, COLUMNS]
+    near: NDArray[np.int64]  # [S + 1] number of obstacles; last that of those that the robot could come near to afterwards
+    disc: NDArray[np.float64]  # [S + 1, N, COLUMNS] where they are then; those of the last row, at the end of the last step
     harm: NDArray[np.float64]  # [M] s; what each obstacle costs the rollout that is judged, at its worst step; if it is empty,
     # the costs of all steps are added up
     plan: NDArray[np.float64]  # [S, 3] x and y of the plan, m, and the time that it still takes from there, s

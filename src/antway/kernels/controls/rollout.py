@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.lookup import (
     at_goal,
     clearance,
@@ -203,8 +204,9 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
     At the end of each step, the time to go is the static one or, if that is more, the time that the plan still takes from its
     place at that time, plus the path to that place: behind a moving obstacle the static time is too short. The time that a car
     loses to turns is added. At the end of the sequence the time to go itself is added or, if that is more, the static one with
-    what the robot will still lose to ramps and turns: a robot that waits loses nothing to them, and need not take a run-up. A
-    robot that reaches the goal brakes as soon as a command given there acts; what it meets until it stands counts as before.
+    what the robot will still lose to ramps and turns: a robot that waits loses nothing to them, and need not take a run-up.
+    What obstacles will cost afterwards is added (kernels/controls/afterwards.py). A robot that reaches the goal brakes as soon
+    as a command given there acts; what it meets until it stands counts as before.
     """
     limits, dt, field, outlook, w = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights
     at = shown = motion_state(problem.start)  # `shown` stays at the goal
@@ -248,6 +250,7 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
         value: float = max(to_go, plan_to_go + w.off_plan * math.sqrt(px * px + py * py)) + turning
         cost += w.progress * value
         if left == 0:
+            cost += cost_afterwards(at, problem, decay)
             return cost + max(value, to_go + turning + lost_time(at, to_go, field, limits))
         if _exceeds(limit, cost, left, to_go, plan_to_go, dt, w.progress):
             return math.inf

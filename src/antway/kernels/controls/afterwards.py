@@ -1,0 +1,115 @@
+"""What obstacles cost after the end of a rollout: the robot then takes the best of nine simple motions among them.
+
+Without it, a sequence that flees before people who are faster costs nothing but the way, although they catch up with the robot
+a little after its end.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.jit import bare_kernel, inner_kernel
+from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.controls.lookup import sample, slope
+from antway.kernels.controls.motion import MotionState
+from antway.kernels.controls.outlook import AFTERWARDS
+from antway.kernels.controls.problem import (
+    CENTRE_X,
+    CENTRE_Y,
+    CONTACT,
+    OWNER,
+    RISKY,
+    STRAIGHT,
+    VX,
+    VY,
+    ControlProblem,
+    StaticField,
+)
+
+_DELAY = 0.5  # 1; share of its time that a motion costs which leads nowhere, as the robot need not keep it up to the end
+_UNSURE = 0.3  # m; an obstacle whose place is less uncertain than this counts less, because the plan has reckoned with it
+_STAND = 8  # the motion in which the robot brakes and stands; others lead down the field, and 45 to 180 degrees off it
+
+
+@bare_kernel
+def cost_afterwards(at: MotionState, problem: ControlProblem, decay: float) -> float:
+    """Return what obstacles cost a robot after it is `at` the end of a rollout, s.
+
+    Each of nine motions costs the time that it loses, and for each obstacle the risk of contact where it is nearest, as far as
+    that is more than the obstacle has cost before. The least of them counts. Obstacles that are slower than the robot count
+    less, because they do not catch up with it. `decay` is the weight of risks by then.
+    """
+    limits, field, outlook, w = problem.limits, problem.field, problem.outlook, problem.weights
+    steps = len(outlook.plan)
+    gx, gy, steep = slope(field, at.x, at.y, 1.0 / field.time_frame[2])
+    if outlook.near[steps] == 0 or w.risk == 0.0 or len(outlook.harm) == 0 or steep < 1e-9:
+        return 0.0
+    least = math.inf
+    for motion in range(_STAND + 1):
+        angle = 0.25 * math.pi * ((motion + 1) // 2) * (1.0 - 2.0 * (motion % 2))
+        c, s, ux, uy, speed, start = math.cos(angle), math.sin(angle), 0.0, 0.0, 0.0, AFTERWARDS
+        cost = _DELAY * AFTERWARDS * (1.0 - c if motion < _STAND else 1.0)
+        if cost >= least:
+            continue
+        if motion < _STAND:
+            ux, uy = (s * gy - c * gx) / steep, -(s * gx + c * gy) / steep
+            speed, start = _set_out(at, ux, uy, limits)
+        ux, uy = speed * ux, speed * uy
+        end = start + _unblocked(at, ux, uy, AFTERWARDS - start, field, w.wall_margin)
+        there_x, there_y = at.x + (end - start) * ux, at.y + (end - start) * uy
+        for i in range(outlook.near[steps]):
+            disc = outlook.disc[steps, i]
+            nearest = _nearest(at.x, at.y, 0.0, 0.0, 0.0, start, disc)
+            nearest = min(nearest, _nearest(at.x, at.y, ux, uy, start, end, disc))
+            nearest = min(nearest, _nearest(there_x, there_y, 0.0, 0.0, end, AFTERWARDS, disc))
+            uncertain = disc[RISKY] - disc[CONTACT]
+            if nearest < disc[RISKY]:
+                share = min((disc[RISKY] - nearest) / uncertain, 1.0)
+                share *= share * min(uncertain / _UNSURE, 1.0) * min(math.hypot(disc[VX], disc[VY]) / limits.v_max, 1.0)
+                cost += max(decay * w.risk * share - outlook.harm[int(disc[OWNER])], 0.0)
+                if cost >= least:
+                    break
+        least = min(least, cost)
+    return least
+
+
+@inner_kernel
+def _set_out(at: MotionState, ux: float, uy: float, limits: RobotLimits) -> tuple[float, float]:
+    """Return at which speed the robot moves in the direction (ux, uy), m/s, and how much later it sets out for that, s."""
+    if limits.drive == HOLONOMIC:
+        change = math.hypot(limits.v_max * ux - at.a, limits.v_max * uy - at.b)
+        return limits.v_max, min(0.5 * change / limits.a_max, AFTERWARDS)
+    ahead, top, now = at.cos * ux + at.sin * uy, limits.v_max, at.a
+    if ahead < 0.0 and limits.v_reverse > 0.0:
+        ahead, top, now = -ahead, limits.v_reverse, -now
+    turn = math.acos(min(max(ahead, -1.0), 1.0)) / limits.turn_rate
+    return top, min(turn + 0.5 * max(top - max(now, 0.0), 0.0) / limits.a_max, AFTERWARDS)
+
+
+@inner_kernel
+def _unblocked(at: MotionState, ux: float, uy: float, span: float, field: StaticField, margin: float) -> float:
+    """Return for which part of `span` s the robot can move at (ux, uy) m/s without a wall, in thirds, s."""
+    for third in range(3):
+        t = span * (third + 1) / 3.0
+        if sample(field.wall, at.x + t * ux, at.y + t * uy, field.wall_frame) < margin:
+            return span * third / 3.0
+    return span
+
+
+@inner_kernel
+def _nearest(x: float, y: float, ux: float, uy: float, since: float, until: float, disc: NDArray[np.float64]) -> float:
+    """Return the least distance of an obstacle from a robot that moves from (x, y) at (ux, uy) m/s, between two times, m.
+
+    What the obstacle does after a wall has changed its velocity does not count.
+    """
+    until = min(until, disc[STRAIGHT])
+    if until < since:
+        return math.inf
+    dx, dy = x - disc[CENTRE_X] - disc[VX] * since, y - disc[CENTRE_Y] - disc[VY] * since
+    wx, wy = ux - disc[VX], uy - disc[VY]
+    square = wx * wx + wy * wy
+    t = min(max(-(dx * wx + dy * wy) / square, 0.0), until - since) if square > 1e-9 else 0.0
+    return math.hypot(dx + wx * t, dy + wy * t)
