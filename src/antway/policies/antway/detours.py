@@ -45,6 +45,8 @@ class Detours:
     ----------
     times : list of float64[H * W]
         For each context the time to the goal over its moves, s.
+    stays : Table
+        How long obstacles have stayed (kernels/tracking/stays.py).
     due : float
         Time from which on the next scan is to be taken in, s.
     """
@@ -54,7 +56,7 @@ class Detours:
     ) -> None:
         self.moves, self.contexts, self.wide, self.narrow = moves, contexts, contexts, narrow or contexts
         self.times = [context.field for context in contexts]
-        self._stays = make_table(_ROWS, stays.COLUMNS)
+        self.stays = make_table(_ROWS, stays.COLUMNS)
         self._expected: set[tuple[float, float]] = set()  # the stays that `times` count with
         self.due = -math.inf
         self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
@@ -68,9 +70,9 @@ class Detours:
         The estimates, float64[K, 8], are those of kernels/tracking/kalman.py; each was last `seen`, float64[K], at a time in s.
         """
         self.due = t + _INTERVAL - 1e-6
-        call(update_stays, self._stays, estimates, seen, t)
+        call(update_stays, self.stays, estimates, seen, t)
         to_go = self._time_to_go(xy)
-        if self._expected and not self._expected <= _stays(rows_in_use(self._stays)):
+        if self._expected and not self._expected <= _stays(rows_in_use(self.stays)):
             return self._expect(t, xy, self.contexts)
         if to_go < self._nearest - _PROGRESS or to_go < _ARRIVED:
             self._nearest, self._since = to_go, t
@@ -107,7 +109,7 @@ class Detours:
     def _expect(self, t: float, xy: XY, contexts: tuple[PlanningContext, ...]) -> bool:
         """Count in these contexts with all that have stayed long enough by now; tell whether that changes anything."""
         self._since = t
-        rows = rows_in_use(self._stays)
+        rows = rows_in_use(self.stays)
         stay = rows[:, SEEN] - rows[:, stays.SINCE]
         long = stay >= _STALLED - 1e-6
         if not (long.any() or self.expects):
@@ -146,17 +148,7 @@ class Detours:
 
     def _around(self, context: PlanningContext, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the times to the goal on paths around the places of these stays."""
-        shape, size = (context.rows, context.cols), context.resolution
-        mask = context.legal.reshape(shape).copy()
-        for row in rows:
-            x, y = 0.5 * (row[stays.LOW_X] + row[stays.HIGH_X]), 0.5 * (row[stays.LOW_Y] + row[stays.HIGH_Y])
-            spread = 0.5 * math.hypot(row[stays.HIGH_X] - row[stays.LOW_X], row[stays.HIGH_Y] - row[stays.LOW_Y])
-            far = (context.radius + row[stays.SIZE] + spread) / size
-            r, c = (y - context.y0) / size, (x - context.x0) / size
-            low_r, low_c = max(math.ceil(r - far), 0), max(math.ceil(c - far), 0)
-            window = mask[low_r : max(math.floor(r + far) + 1, 0), low_c : max(math.floor(c + far) + 1, 0)]
-            i, j = np.ogrid[: window.shape[0], : window.shape[1]]
-            window[np.hypot(i + low_r - r, j + low_c - c) < far] = 0
+        shape, size, mask = (context.rows, context.cols), context.resolution, without(context, rows)
         key = context.radius, shape, np.flatnonzero((mask == 0) & (context.legal.reshape(shape) != 0)).tobytes()
         times = self._known.get(key, self._before.get(key))
         if times is None:
@@ -164,6 +156,21 @@ class Detours:
             times = timed_field(mask, self.moves, goal, scale=size / context.speed).ravel()
         self._known[key] = times
         return times
+
+
+def without(context: PlanningContext, rows: NDArray[np.float64]) -> NDArray[np.uint32]:
+    """Return the legal moves from nodes, [context.rows, context.cols], but none at the places of these stays."""
+    size, mask = context.resolution, context.legal.reshape(context.rows, context.cols).copy()
+    for row in rows:
+        x, y = 0.5 * (row[stays.LOW_X] + row[stays.HIGH_X]), 0.5 * (row[stays.LOW_Y] + row[stays.HIGH_Y])
+        spread = 0.5 * math.hypot(row[stays.HIGH_X] - row[stays.LOW_X], row[stays.HIGH_Y] - row[stays.LOW_Y])
+        far = (context.radius + row[stays.SIZE] + spread) / size
+        r, c = (y - context.y0) / size, (x - context.x0) / size
+        low_r, low_c = max(math.ceil(r - far), 0), max(math.ceil(c - far), 0)
+        window = mask[low_r : max(math.floor(r + far) + 1, 0), low_c : max(math.floor(c + far) + 1, 0)]
+        i, j = np.ogrid[: window.shape[0], : window.shape[1]]
+        window[np.hypot(i + low_r - r, j + low_c - c) < far] = 0
+    return mask
 
 
 def _stays(rows: NDArray[np.float64]) -> set[tuple[float, float]]:

@@ -37,6 +37,7 @@ from antway.policies.antway.state import (
     drop_plan,
     fit_tables,
     full_and_careful,
+    laid_trails,
     make_crowd,
     make_memory,
     make_plan,
@@ -45,6 +46,7 @@ from antway.policies.antway.state import (
     without_edges,
 )
 from antway.policies.antway.tracker import Tracker
+from antway.policies.antway.yielding import Yielding
 from antway.policies.guard import MODES, Guard, check_observation
 from antway.world.ants import AntStep, LaidTrails
 from antway.world.policy import XY, Command, Decision, Observation, Task
@@ -148,7 +150,7 @@ class AntwayPolicy:
     @property
     def task(self) -> Task:
         """The task of the episode."""
-        return self._state.task
+        return self._state.yielding.asked(self._state.task)
 
     @property
     def _state(self) -> State:
@@ -167,8 +169,8 @@ class AntwayPolicy:
         if self.guard:
             self.guard.reset(task)
 
-    def _start(self, task: Task, seed: int, response: Response) -> None:
-        """Make the state of an episode."""
+    def _start(self, task: Task, seed: int, response: Response, before: State | None = None) -> None:
+        """Make the state of an episode, or of the rest of one in which the state was another `before`."""
         robot, settings, controls, tracker = task.robot, make_settings(self, task), None, Tracker(self.mode == "strict")
         fine = task if robot.stepwise else with_fine_cells(task)
         context, kept = planning_contexts(fine, self.moves)
@@ -195,11 +197,13 @@ class AntwayPolicy:
             seed=seed,
             rng=make_state(seed, 0),
             response=response,
+            yielding=Yielding(),
             controls=controls,
             detours=Detours(
                 self.moves, (context, kept)[: 1 if robot.stepwise else 2], narrow_contexts(fine, self.moves, context.radius)
             ),
         )
+        self.state = self.state if before is None else carried_on(self.state, before)
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period.
@@ -218,6 +222,7 @@ class AntwayPolicy:
         self._update_tracks(observation)
         if observation.sensed_at >= s.detours.due:
             self._look_for_detours(observation)
+            s = self._state
         drive = self._follow_plan if s.controls is None else self._roll_out
         command, what = drive(observation)
         # Which track is which is a guess where the sensor gives no names: nothing is proven by it.
@@ -241,8 +246,8 @@ class AntwayPolicy:
             task = replace(s.task, robot=s.response.robot)
             anew = (s.controls is None) != task.robot.stepwise or tops(task.robot) != tops(s.task.robot)
             if anew:  # other ants drive it, or the times to the goal are others
-                self._start(task, s.seed, s.response)
-                s = self.state = carried_on(self._state, s)
+                self._start(task, s.seed, s.response, s)
+                s = self._state
             elif s.controls is not None:
                 s.controls.set_response(task.robot)
             if self.guard is not None:
@@ -273,16 +278,18 @@ class AntwayPolicy:
             s.tracker.average(t, s.crowd.changes, s.crowd.averaged)
 
     def _look_for_detours(self, o: Observation) -> None:
-        """If obstacles have stayed where they are for long, plan anew with times to the goal that count with that."""
-        s = self._state
-        if not s.detours.update(s.tracker.estimates, s.tracker.last_seen, float(o.sensed_at), o.xy):
-            return
-        s.paces = tuple((s.detours.timed(context), stopping_time) for context, stopping_time in s.paces)
-        if (context := s.paces[0][0]).legal is not s.context.legal:
-            change_nodes(s, context, s.task.robot.radius if s.detours.wide is s.detours.contexts else context.radius)
-        drop_plan(s.plan)
-        if s.controls is not None:
-            s.controls.set_times(s.detours.times[1])
+        """If obstacles have stayed where they are for long, plan anew with times that count with that, or give way to one."""
+        s, t = self._state, float(o.sensed_at)
+        is_new = s.detours.update(s.tracker.estimates, s.tracker.last_seen, t, o.xy)
+        if (task := s.yielding.next_task(s.task, s.detours, t, o.xy)) is not s.task:
+            self._start(task, s.seed, s.response, s)
+        elif is_new:
+            s.paces = tuple((s.detours.timed(context), stopping_time) for context, stopping_time in s.paces)
+            if (context := s.paces[0][0]).legal is not s.context.legal:
+                change_nodes(s, context, s.task.robot.radius if s.detours.wide is s.detours.contexts else context.radius)
+            drop_plan(s.plan)
+            if s.controls is not None:
+                s.controls.set_times(s.detours.times[1])
 
     def _crosses_edge(self, estimates: NDArray[np.float64]) -> bool:
         """Tell whether an obstacle crosses an edge of the map."""
@@ -399,7 +406,8 @@ class AntwayPolicy:
             )
             s.decision = explain(snapshot, s.path, arrival - t, bound - t, s.guard_did, self.pheromone(), self.memory())
             why, doubt = self.guard.why if self.guard else "", _DOUBT if s.tracker.doubts_velocities else ""
-            s.decision = replace(s.decision, reason="; ".join(filter(None, (s.decision.reason, why, str(s.response), doubt))))
+            notes = s.decision.reason, why, str(s.yielding), str(s.response), doubt
+            s.decision = replace(s.decision, reason="; ".join(filter(None, notes)))
         return s.decision
 
     def planned(self) -> TimedPath | None:
@@ -438,12 +446,4 @@ class AntwayPolicy:
 
     def trails(self) -> LaidTrails:
         """Return the pheromone on moves between places, its maximum over all times of arrival."""
-        trails, context = self._state.trails, self._state.context
-        used = np.flatnonzero(trails.key >= 0)
-        cell, move = trails.key[used] // 64 % (context.rows * context.cols), trails.key[used] % 64
-        key, at = np.unique(cell * 64 + move, return_inverse=True)
-        amount = np.zeros(len(key))
-        np.maximum.at(amount, at, trails.tau[used])
-        row, col = np.divmod(key // 64, context.cols)
-        here = np.column_stack((context.x0 + col * context.resolution, context.y0 + row * context.resolution))
-        return LaidTrails(here, here + context.step[key % 64, :2], amount)
+        return laid_trails(self._state.trails, self._state.context)

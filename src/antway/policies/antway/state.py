@@ -22,7 +22,9 @@ from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.response import Response
 from antway.policies.antway.tracker import MOST_ROWS, ROWS, Tracker, longer, longer_table
+from antway.policies.antway.yielding import Yielding
 from antway.policies.guard import relative_swerve
+from antway.world.ants import LaidTrails
 from antway.world.policy import Decision, Observation, RobotSpec, Task
 
 _BRAKES = 0.5  # s; with tracks in sight, a robot that follows the plan drives no faster than it can brake from in this time
@@ -53,6 +55,8 @@ class State:
         How the robot answers commands.
     detours : Detours
         Times to the goal that count with obstacles which stay.
+    yielding : Yielding
+        What the robot waits for, and what it was asked for while it gives way.
     controls : ControlColony or None
         What drives a robot with inertia or wheels.
     started : float
@@ -84,6 +88,7 @@ class State:
     rng: NDArray[np.uint64]
     detours: Detours
     response: Response
+    yielding: Yielding
     controls: ControlColony | None = None
     started: float = math.nan
     path: TimedPath | None = None
@@ -181,8 +186,22 @@ def change_nodes(s: State, context: PlanningContext, radius: float) -> None:
 def carried_on(new: State, old: State) -> State:
     """Return the state `new` with what is known of obstacles in `old`, and without a plan."""
     drop_plan(old.plan)
+    new.detours.stays = old.detours.stays
     settings = new.settings if old.settings.tubes.edges else without_edges(new.settings)
-    return replace(new, settings=settings, plan=old.plan, crowd=old.crowd, tracker=old.tracker, started=old.started)
+    known = {name: getattr(old, name) for name in ("plan", "crowd", "tracker", "started", "yielding")}
+    return replace(new, settings=settings, **known)
+
+
+def laid_trails(trails: Trails, context: PlanningContext) -> LaidTrails:
+    """Return the pheromone on moves between places, its maximum over all times of arrival."""
+    used = np.flatnonzero(trails.key >= 0)
+    cell, move = trails.key[used] // 64 % (context.rows * context.cols), trails.key[used] % 64
+    key, at = np.unique(cell * 64 + move, return_inverse=True)
+    amount = np.zeros(len(key))
+    np.maximum.at(amount, at, trails.tau[used])
+    row, col = np.divmod(key // 64, context.cols)
+    here = np.column_stack((context.x0 + col * context.resolution, context.y0 + row * context.resolution))
+    return LaidTrails(here, here + context.step[key % 64, :2], amount)
 
 
 def full_and_careful(context: PlanningContext, stopping_time: float, robot: RobotSpec, guarded: bool) -> Paces:

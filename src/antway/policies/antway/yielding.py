@@ -1,0 +1,141 @@
+"""Giving way: out of a passage of one width in which the robot and somebody else wait for one another."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from antway.kernels.tracking import stays
+from antway.kernels.tracking.table import NAMED, SEEN, rows_in_use
+from antway.policies.antway.detours import Detours, without
+from antway.search.sipp import timed_field
+from antway.world.policy import XY, Task
+
+_WAIT = 5.0  # s; who has stayed for this long may wait for the robot, and the robot for him
+_UNSURE = 20.0  # s; the same for somebody who was not seen to come, or who could be passed although the robot does not
+_LONGEST = 40.0  # s; if the other does not use the room, the robot waits for twice as long the next time, up to this
+_GAP = 0.3  # m; gap that the robot leaves to the other who passes it
+_TOLERANCE = 0.15  # m; the robot drives to its refuge as nearly as this
+_WALKS = 2.0  # s; whoever has stayed where he is for less than this may be walking
+
+
+class Yielding:
+    """Tells when the robot and somebody else wait for one another, and where the robot lets him pass.
+
+    They do if both have stayed for long, and no path leads past the robot for him. The refuge is the nearest place beside his
+    way out, which is taken to lead past the robot to its start, and to the farthest place behind it. The robot waits there
+    until he has passed, or has stayed for long again, and then drives on to its goal.
+    """
+
+    def __init__(self) -> None:
+        self._wait = _WAIT
+        self._place, self._since, self._due = (math.inf, math.inf), 0.0, 0.0  # where the robot stays, since when; the next look
+        self._first: dict[float, float] = {}  # when the first stay of each obstacle in sight began, s
+        self._asked: Task | None = None  # what the robot goes on with; None while it gives no way
+        self._other = -1.0  # the name of whom it gives way to
+
+    def __str__(self) -> str:
+        return "" if self._asked is None else "the robot gives way to an obstacle that waits for it"
+
+    def asked(self, task: Task) -> Task:
+        """Return the task that the robot was given, with the robot of `task`."""
+        a = self._asked
+        return task if a is None else replace(task, goal=a.goal, goal_tolerance=a.goal_tolerance, stay=a.stay)
+
+    def next_task(self, task: Task, detours: Detours, t: float, xy: XY) -> Task:
+        """Return `task`, or what the robot at `xy` is to do instead from now, `t` s, on: drive to a refuge, or to its goal."""
+        rows = rows_in_use(detours.stays)
+        self._first = {name: self._first.get(name, since) for name, since in rows[:, [NAMED, stays.SINCE]].tolist()}
+        if math.dist(xy, self._place) > min(0.2 * _WAIT * task.robot.v_max, stays.PLACE):
+            self._place, self._since = xy, t
+        if self._asked is not None:
+            other = rows[rows[:, NAMED] == self._other]
+            if len(other) and not self._has_passed(self._asked.goal, detours, other, t, xy):
+                if t < max(self._since, other[0, stays.SINCE]) + self._wait:
+                    return task
+            else:
+                self._wait = _WAIT
+            task, self._asked, self._since = self.asked(task), None, t
+        elif refuge := self._refuge(task, detours, rows, t, xy):
+            self._asked, self._since, self._wait = task, t, min(2.0 * self._wait, _LONGEST)
+            task = replace(task, goal=refuge, goal_tolerance=min(task.goal_tolerance, _TOLERANCE), stay=0.0)
+        return task
+
+    def _has_passed(self, goal: XY, detours: Detours, other: NDArray[np.float64], t: float, xy: XY) -> bool:
+        """Tell whether the other, who may be walking, leaves a way to `goal`."""
+        return t - other[0, stays.SINCE] < _WALKS and math.isfinite(_Paths(detours, other, xy).to(goal))
+
+    def _refuge(self, task: Task, detours: Detours, rows: NDArray[np.float64], t: float, xy: XY) -> XY | None:
+        """Return where the robot is to let somebody pass who waits for it; None if nobody does, or there is no such place."""
+        if t < max(self._due, self._since + self._wait) or math.dist(xy, task.goal) <= task.goal_tolerance:
+            return None
+        stay = rows[:, SEEN] - rows[:, stays.SINCE]
+        x, y = 0.5 * (rows[:, stays.LOW_X] + rows[:, stays.HIGH_X]), 0.5 * (rows[:, stays.LOW_Y] + rows[:, stays.HIGH_Y])
+        away = np.where(stay >= _WAIT - 1e-6, np.hypot(x - xy[0], y - xy[1]), math.inf)
+        if not np.isfinite(away).any():
+            return None
+        self._due, k = t + _WAIT, int(away.argmin())
+        other, paths = (float(x[k]), float(y[k])), _Paths(detours, rows[stay >= 0.5 * _WAIT], xy)
+        came = rows[k, stays.SINCE] > self._first[float(rows[k, NAMED])]
+        needed = _WAIT if came and math.isinf(paths.to(task.goal)) else _UNSURE
+        if min(stay[k], t - self._since) < needed - 1e-6:
+            return None
+        ends = paths.node(task.start), int(np.where(np.isfinite(paths.times), paths.times, -1.0).argmax())
+        robot = rows[k].copy()
+        robot[[stays.LOW_X, stays.LOW_Y]] = robot[[stays.HIGH_X, stays.HIGH_Y]] = xy
+        if np.isfinite(_Paths(detours, robot[None], other).times[list(ends)]).any():
+            return None
+        context, size, clear = detours.wide[0], detours.wide[0].resolution, np.ones(paths.free.shape, bool)
+        line = np.linspace(xy, other, 2 + int(math.dist(xy, other) / size))
+        cols, lines = np.rint((line - (context.x0, context.y0)) / size).astype(np.int64).T
+        clear[lines.clip(0, context.rows - 1), cols.clip(0, context.cols - 1)] = False
+        clear.ravel()[[node for end in ends for node in paths.path_from(end)]] = False
+        gap = size * distance_transform_edt(clear).ravel() - task.robot.radius - rows[k, stays.SIZE]
+        wall = size * distance_transform_edt(context.legal.reshape(clear.shape) != 0).ravel() + context.radius - size
+        times = np.where((gap >= _GAP) & (wall >= task.robot.radius - 1e-9), paths.times, math.inf)
+        best = int(times.argmin())
+        if times[best] > t - self._since:  # not before it has waited for as long as the way to the refuge takes
+            return None
+        self._other = float(rows[k, NAMED])
+        row, col = divmod(best, context.cols)
+        return context.x0 + col * size, context.y0 + row * size
+
+
+class _Paths:
+    """Times from a place to all nodes, where obstacles stay."""
+
+    def __init__(self, detours: Detours, rows: NDArray[np.float64], xy: XY) -> None:
+        context = self.context = detours.wide[0]
+        self.free = without(context, rows)
+        here = divmod(self.node(xy), context.cols)
+        field = timed_field(self.free, detours.moves, here, scale=context.resolution / context.speed)
+        self.times = np.where(self.free == 0, math.inf, field).ravel()
+
+    def to(self, xy: XY) -> float:
+        """Return the time to a place, s; infinite if its node is not free."""
+        context = self.context
+        col, row = (round((at - low) / context.resolution) for at, low in zip(xy, (context.x0, context.y0), strict=True))
+        return float(self.times[min(max(row, 0), context.rows - 1) * context.cols + min(max(col, 0), context.cols - 1)])
+
+    def node(self, xy: XY) -> int:
+        """Return the free node that is nearest to a place, or any if none is free."""
+        context, (rows, cols) = self.context, np.nonzero(self.free)
+        x, y = context.x0 + cols * context.resolution, context.y0 + rows * context.resolution
+        if not len(rows):
+            return context.goal
+        i = int(np.hypot(x - xy[0], y - xy[1]).argmin())
+        return int(rows[i]) * context.cols + int(cols[i])
+
+    def path_from(self, node: int) -> list[int]:
+        """Return the nodes on the fastest path from a node to the place, as far as there is one."""
+        context, legal, nodes = self.context, self.free.ravel(), [node]
+        while 0.0 < self.times[node] < math.inf:
+            moves = np.flatnonzero(legal[node] >> np.arange(len(context.offset), dtype=np.uint32) & 1)
+            to = node + context.offset[moves]
+            node = int(to[(self.times[to] + context.step[moves, 2]).argmin()])
+            nodes.append(node)
+        return nodes

@@ -1,0 +1,91 @@
+"""Giving way: the robot and somebody else wait for one another in a passage of one width."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from antway import Grid, Moves, Scenario, World
+from antway.kernels.tracking.predict import NAME, RADIUS, X, Y
+from antway.policies.antway import yielding
+from antway.policies.antway.detours import Detours
+from antway.policies.antway.nodes import make_context
+from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.antway.yielding import Yielding
+from antway.world.policy import XY, Task, Tracks
+from antway.world.robots import load_robot
+from antway.world.stage import Stage
+from antway.world.trace import Outcome
+
+START, GOAL = (2.0, 2.0), (9.0, 2.0)
+
+
+def rooms() -> Grid:
+    """Return two rooms of 4 x 4 m, joined by a corridor of 1 m that is 3 m long."""
+    blocked = np.zeros((40, 110), np.bool_)
+    blocked[:, 40:70] = True
+    blocked[15:25, 40:70] = False
+    return Grid(blocked, 0.1)
+
+
+@pytest.mark.parametrize("robot", ["holonomic", "diff"])
+def test_a_robot_gives_way_to_who_waits_for_it(robot: str) -> None:
+    """It meets somebody in the corridor who comes in sight late, and stops; it backs out and lets him pass."""
+    stage, policy = Stage(Scenario(World(rooms()), START, GOAL, load_robot(robot)), 1, 60.0), AntwayPolicy()
+    policy.reset(stage.task, 1)
+    x, outcome, reasons, came = 6.9, None, [], False
+    while outcome is None:
+        robot_x, robot_y = stage.xy[stage.n].tolist()
+        came = came or robot_x > 4.2
+        is_held_up = abs(robot_y - 2.0) < 0.5 and -2.0 < robot_x - x < 0.0
+        speed = 0.0 if is_held_up or x < 1.0 or not came else -0.6
+        seen, other = stage.observe(), (np.array([7]), np.array([[x, 2.0]]), np.array([[speed, 0.0]]), np.array([0.25]))
+        seen = replace(seen, tracks=Tracks(*(one[: int(came)] for one in other)))
+        command = policy.act(seen)
+        assert policy.task == stage.task
+        if stage.n % 40 == 0:
+            reasons.append(policy.explain().reason)
+        x += speed * stage.task.robot.dt
+        outcome, _ = stage.drive(*stage.controls(command, seen))
+        assert math.dist(stage.xy[stage.n], (x, 2.0)) > stage.task.robot.radius + 0.25
+    assert outcome is Outcome.REACHED and any("gives way" in reason for reason in reasons)
+
+
+def goes(grid: Grid, at: XY, other: XY, came: bool = True) -> tuple[Task, list[tuple[float, Task]]]:
+    """Return the task of a robot that stays for half a minute, as somebody else does, and when it becomes another."""
+    task = Task(grid, load_robot("diff"), START, GOAL)
+    context = make_context(grid, task.robot, grid.cell_at(GOAL), Moves.EIGHT)
+    found, paths, now, changes = Detours(Moves.EIGHT, (context,)), Yielding(), task, []
+    estimates = np.zeros((1, 8))
+    estimates[0, (NAME, RADIUS)] = 7, 0.25
+    for t in np.arange(0.0, 30.1, 0.25).tolist():
+        estimates[0, (X, Y)] = other[0] + (max(1.5 - t, 0.0) if came else 0.0), other[1]
+        found.update(estimates, np.full(1, t), t, at)
+        after = paths.next_task(now, found, t, at)
+        if after is not now:
+            changes.append((t, after))
+            assert paths.asked(after) == task
+        now = after
+    return task, changes
+
+
+@pytest.mark.parametrize("came", [True, False])
+def test_the_refuge_is_beside_the_way_out(came: bool) -> None:
+    """It is out of the corridor, and whoever comes out has room; one who was not seen to come may just stand there."""
+    task, changes = goes(rooms(), (5.0, 2.0), (6.2, 2.0), came)
+    when, there = changes[0]
+    assert when == pytest.approx(6.5 if came else 20.0, abs=0.5)
+    assert 3.0 < there.goal[0] < 4.0 and abs(there.goal[1] - 2.0) > 0.3 + 0.25 + yielding._GAP - 0.1
+    assert there.goal_tolerance < task.goal_tolerance and there.robot == task.robot
+    if came:  # nobody moves, so it drives on after twice as long
+        then, back = changes[1]
+        assert back == task and 10.0 <= then - when <= 10.5
+
+
+@pytest.mark.parametrize("other", [(8.95, 2.0), (5.0, 2.0), (7.0, 2.0)])
+def test_a_robot_gives_no_way_where_the_other_can_pass(other: XY) -> None:
+    """It stays where it is if he stands at its goal, or beside it, in a hall."""
+    assert goes(Grid(np.zeros((40, 110), np.bool_), 0.1), (other[0] - 0.7, 2.0), other)[1] == []
