@@ -103,7 +103,8 @@ def test_no_process_is_left(processes: Workers) -> None:
 
 def test_a_process_that_takes_no_request_costs_one_request(monkeypatch: pytest.MonkeyPatch) -> None:
     """A request that is larger than a pipe and that nobody reads ends in time, too."""
-    started = workers.subprocess.Popen
+    started, before = workers.subprocess.Popen, threading.active_count()
     monkeypatch.setattr(workers.subprocess, "Popen", lambda _, **options: started(["sleep", "60"], **options))
     with pytest.raises(BadInput, match="took too long"):
         Workers().run("instance", bytes(2**22), "name", seconds=0.1)
+    assert threading.active_count() == before, "who sends is done before the connection is closed"
