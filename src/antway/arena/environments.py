@@ -36,8 +36,8 @@ MAX_BYTES = 64 * 2**20  # limit of a track file
 MAX_ROWS = 2_000_000  # limit of rows read from a track file
 _COLUMNS = "t", "id", "x", "y"  # columns of a recording in CSV
 _GAP = 3.0  # s; who is unseen for longer, and for longer than 3 frames, counts as somebody else from then on
-_STEP, _LONGER = 0.1, 0.4  # s; in shorter steps, errors of places are most of a velocity: one place in each is used, and people
-# come and go with the velocity over the second
+_STEP = 0.1  # s; of places less than this apart one is used, because errors of places are most of a velocity between them
+_LONGER = 0.4  # s; where steps are shorter than `_STEP`, people come and go with the velocity over this time
 _DRAWS = 30  # limit of starts that are drawn for an episode at each of these distances from people:
 _CLEAR = (1.5, 0.8)  # m; the second is for crowds
 

@@ -31,7 +31,9 @@ from antway.kernels.controls.problem import (
 
 _DELAY = 0.5  # 1; share of its time that a motion costs which leads nowhere, as the robot need not keep it up to the end
 _UNSURE = 0.3  # m; an obstacle whose place is less uncertain than this counts less, because the plan has reckoned with it
-_STAND = 8  # the motion in which the robot brakes and stands; others lead down the field, and 45 to 180 degrees off it
+# Cosine and sine of the angle between each motion and the way down the field; in the last one the robot stands.
+_MOTIONS = tuple((math.cos(angle), math.sin(angle)) for angle in (0.25 * math.pi * k for k in (0, -1, 1, -2, 2, -3, 3, -4)))
+_STAND = len(_MOTIONS)
 
 
 @bare_kernel
@@ -44,20 +46,22 @@ def cost_afterwards(at: MotionState, problem: ControlProblem, decay: float) -> f
     """
     limits, field, outlook, w = problem.limits, problem.field, problem.outlook, problem.weights
     steps = len(outlook.plan)
+    if outlook.near[steps] == 0 or w.risk == 0.0 or len(outlook.harm) == 0:
+        return 0.0
     gx, gy, steep = slope(field, at.x, at.y, 1.0 / field.time_frame[2])
-    if outlook.near[steps] == 0 or w.risk == 0.0 or len(outlook.harm) == 0 or steep < 1e-9:
+    if steep < 1e-9:
         return 0.0
     least = math.inf
     for motion in range(_STAND + 1):
-        angle = 0.25 * math.pi * ((motion + 1) // 2) * (1.0 - 2.0 * (motion % 2))
-        c, s, ux, uy, speed, start = math.cos(angle), math.sin(angle), 0.0, 0.0, 0.0, AFTERWARDS
-        cost = _DELAY * AFTERWARDS * (1.0 - c if motion < _STAND else 1.0)
+        c, s = _MOTIONS[motion] if motion < _STAND else (0.0, 0.0)
+        cost = _DELAY * AFTERWARDS * (1.0 - c)
         if cost >= least:
             continue
+        ux, uy, start = 0.0, 0.0, AFTERWARDS
         if motion < _STAND:
             ux, uy = (s * gy - c * gx) / steep, -(s * gx + c * gy) / steep
             speed, start = _set_out(at, ux, uy, limits)
-        ux, uy = speed * ux, speed * uy
+            ux, uy = speed * ux, speed * uy
         end = start + _unblocked(at, ux, uy, AFTERWARDS - start, field, w.wall_margin)
         there_x, there_y = at.x + (end - start) * ux, at.y + (end - start) * uy
         for i in range(outlook.near[steps]):

@@ -97,12 +97,10 @@ class Detours:
 
     def _time_to_go(self, xy: XY) -> float:
         """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite without one."""
-        context = self.contexts[0]
-        rows, cols = context.rows, context.cols
-        col, row = (round((at - low) / context.resolution) for at, low in zip(xy, (context.x0, context.y0), strict=True))
-        field = self.times[0].reshape(rows, cols)
-        here = float(field[min(max(row, 0), rows - 1), min(max(col, 0), cols - 1)])
+        context, (row, col) = self.contexts[0], _row_col(self.contexts[0], xy)
+        here = float(self.times[0][node_near(context, xy)])
         if math.isinf(here):
+            field = self.times[0].reshape(context.rows, context.cols)
             here = float(field[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2].min(initial=math.inf))
         return here
 
@@ -161,8 +159,7 @@ class Detours:
 def without(context: PlanningContext, rows: NDArray[np.float64]) -> NDArray[np.uint32]:
     """Return the legal moves from nodes, [context.rows, context.cols], but none at the places of these stays."""
     size, mask = context.resolution, context.legal.reshape(context.rows, context.cols).copy()
-    for row in rows:
-        x, y = 0.5 * (row[stays.LOW_X] + row[stays.HIGH_X]), 0.5 * (row[stays.LOW_Y] + row[stays.HIGH_Y])
+    for row, x, y in zip(rows, *middles(rows), strict=True):
         spread = 0.5 * math.hypot(row[stays.HIGH_X] - row[stays.LOW_X], row[stays.HIGH_Y] - row[stays.LOW_Y])
         far = (context.radius + row[stays.SIZE] + spread) / size
         r, c = (y - context.y0) / size, (x - context.x0) / size
@@ -171,6 +168,22 @@ def without(context: PlanningContext, rows: NDArray[np.float64]) -> NDArray[np.u
         i, j = np.ogrid[: window.shape[0], : window.shape[1]]
         window[np.hypot(i + low_r - r, j + low_c - c) < far] = 0
     return mask
+
+
+def middles(rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return x and y of the middle of the place of each stay, m."""
+    return 0.5 * (rows[:, stays.LOW_X] + rows[:, stays.HIGH_X]), 0.5 * (rows[:, stays.LOW_Y] + rows[:, stays.HIGH_Y])
+
+
+def _row_col(context: PlanningContext, xy: XY) -> tuple[int, int]:
+    """Return row and column of the place of nodes that is nearest to `xy`, on the map or beside it."""
+    return round((xy[1] - context.y0) / context.resolution), round((xy[0] - context.x0) / context.resolution)
+
+
+def node_near(context: PlanningContext, xy: XY) -> int:
+    """Return the node, free or not, that is nearest to a place."""
+    row, col = _row_col(context, xy)
+    return min(max(row, 0), context.rows - 1) * context.cols + min(max(col, 0), context.cols - 1)
 
 
 def _stays(rows: NDArray[np.float64]) -> set[tuple[float, float]]:

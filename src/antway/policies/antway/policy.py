@@ -183,7 +183,7 @@ class AntwayPolicy:
             swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
             controls = ControlColony(self.controls, fine, kept.field, seed, swerve)
         cells = context.rows * context.cols
-        self.state = State(
+        state = State(
             task=task,
             terrain=terrain_of(task.grid),
             settings=settings,
@@ -203,7 +203,7 @@ class AntwayPolicy:
                 self.moves, (context, kept)[: 1 if robot.stepwise else 2], narrow_contexts(fine, self.moves, context.radius)
             ),
         )
-        self.state = self.state if before is None else carried_on(self.state, before)
+        self.state = state if before is None else carried_on(state, before)
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period.

@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt
 
 from antway.kernels.tracking import stays
 from antway.kernels.tracking.table import NAMED, SEEN, rows_in_use
-from antway.policies.antway.detours import Detours, without
+from antway.policies.antway.detours import Detours, middles, node_near, without
 from antway.search.sipp import timed_field
 from antway.world.policy import XY, Task
 
@@ -74,7 +74,7 @@ class Yielding:
         if t < max(self._due, self._since + self._wait) or math.dist(xy, task.goal) <= task.goal_tolerance:
             return None
         stay = rows[:, SEEN] - rows[:, stays.SINCE]
-        x, y = 0.5 * (rows[:, stays.LOW_X] + rows[:, stays.HIGH_X]), 0.5 * (rows[:, stays.LOW_Y] + rows[:, stays.HIGH_Y])
+        x, y = middles(rows)
         away = np.where(stay >= _WAIT - 1e-6, np.hypot(x - xy[0], y - xy[1]), math.inf)
         if not np.isfinite(away).any():
             return None
@@ -117,9 +117,7 @@ class _Paths:
 
     def to(self, xy: XY) -> float:
         """Return the time to a place, s; infinite if its node is not free."""
-        context = self.context
-        col, row = (round((at - low) / context.resolution) for at, low in zip(xy, (context.x0, context.y0), strict=True))
-        return float(self.times[min(max(row, 0), context.rows - 1) * context.cols + min(max(col, 0), context.cols - 1)])
+        return float(self.times[node_near(self.context, xy)])
 
     def node(self, xy: XY) -> int:
         """Return the free node that is nearest to a place, or any if none is free."""
