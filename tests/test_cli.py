@@ -18,7 +18,7 @@ import pytest
 
 from antway import Grid, save_map
 from antway.cli import app, main
-from antway.console import print_table, status_of
+from antway.console import episode_bar, print_table, status_of
 from antway.errors import BadInput, BadMap, BadParameter, BadResults, BadScenario, CellBlocked, OutOfBounds, TooLarge
 from antway.world.trace import Trace
 from common import SHARED, needs_data
@@ -233,6 +233,20 @@ def test_a_round_of_a_room_is_a_table(antway: Any, room: Path) -> None:
     status, out, _ = antway("tour", room, "--start", "1,1", "--stops", stops, "--seconds", "0.1")
     row = {cells[2]: cells[6] for cells in (re.split(r" *│ *", line) for line in out.splitlines()) if len(cells) == 9}
     assert status == 0 and row == {"any": "-", "soon": "0 - 60 s", "far": "from 40 s"} and "proved the best" in out
+
+
+def test_progress_in_a_log_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where stderr is no terminal, a bench tells in a plain line how far it is, each half minute and at the end."""
+    clock = iter([0.0, 10.0, 29.0, 31.0, 32.0, 60.0, 62.0])
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    with episode_bar("synthetic", 6) as advance:
+        for _ in range(6):
+            advance()
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.splitlines() == [
+        "synthetic: 3 of 6 episodes after 31 s",
+        "synthetic: 6 of 6 episodes after 62 s",
+    ]
 
 
 @needs_data

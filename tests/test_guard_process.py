@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from antway import BadInput, Command, Grid, Observation, Outcome, RobotSpec, Task, Tracks
+from antway.policies import guard_process
 from antway.policies.guard import Guard
 from antway.policies.guard_memory import MAX_TRACKS, Link
 from antway.policies.guard_process import GuardProcess
@@ -122,6 +124,16 @@ def test_a_guard_that_is_gone_means_stop() -> None:
         assert answer.did == "silent" and answer.command == Command((0.0, 0.0))
         folder = process.folder
     assert not os.path.exists(folder)
+
+
+def test_a_guard_that_hangs_is_told_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that is stopped does not hold up who gives it a task, however large that is; it is killed."""
+    monkeypatch.setattr(guard_process, "_READY", 0.1)
+    with GuardProcess(TASK) as process:
+        os.kill(process.process.pid, signal.SIGSTOP)
+        with pytest.raises(BadInput, match=r"takes it up within 0\.1 s"):
+            process.reset(Task(Grid(np.zeros((600, 600), bool), 0.25), TASK.robot, TASK.start, TASK.goal))
+        assert process.process.wait(10.0) == -signal.SIGKILL
 
 
 def told(path: str):

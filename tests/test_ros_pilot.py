@@ -137,9 +137,19 @@ def test_results_have_the_fields_that_a_version_has(monkeypatch):
         assert vars(kind.result(error_code=7, error_msg="so", path=None)) == {"error_code": 7, "error_msg": "so"}
 
 
-@pytest.mark.parametrize("kind", ["sequence<int32>", "sequence<nav2_msgs/MissedWaypoint>"])
-def test_missed_waypoints_are_told_as_a_version_has_them(monkeypatch, kind):
-    """By their numbers in older releases, else by messages with number and error code."""
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        ("sequence<int32>", 3),
+        ("sequence<nav2_msgs/MissedWaypoint>", ("nav2_msgs/msg/MissedWaypoint", {"index": 3, "error_code": 104})),
+        (
+            "sequence<nav2_msgs/WaypointStatus>",
+            ("nav2_msgs/msg/WaypointStatus", {"waypoint_index": 3, "error_code": 104, "waypoint_status": 3}),
+        ),
+    ],
+)
+def test_missed_waypoints_are_told_as_a_version_has_them(monkeypatch, kind, told):
+    """By their numbers in Humble, by messages in Iron and Jazzy, and by others from Kilted on."""
 
     class Result(SimpleNamespace):
         @classmethod
@@ -148,9 +158,9 @@ def test_missed_waypoints_are_told_as_a_version_has_them(monkeypatch, kind):
 
     monkeypatch.setattr(nav2, "find_spec", lambda name: name)
     monkeypatch.setattr(nav2, "load", lambda name: SimpleNamespace(Result=Result, Feedback=Result))
-    monkeypatch.setattr(nav2, "make", lambda name, **fields: fields)
+    monkeypatch.setattr(nav2, "make", lambda *made, **fields: (*made, fields))
     result = nav2.nav2_kinds()["visit_poses"].result(missed_waypoints=[(3, 104)], error_code=0, error_msg="missed [3]")
-    assert result.missed_waypoints == ([3] if "int32" in kind else [{"index": 3, "error_code": 104}])
+    assert result.missed_waypoints == [told]
     assert result.error_code == 0 and not hasattr(result, "error_msg")
 
 

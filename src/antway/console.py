@@ -158,13 +158,30 @@ def search_bar(seconds: float) -> Iterator[Callable[[float, str], None]]:
 
 @contextmanager
 def episode_bar(suite: str, episodes: int) -> Iterator[Callable[[], None]]:
-    """Show on stderr how many of the episodes of a suite are done; yield what is called after each."""
+    """Show on stderr how many of the episodes of a suite are done; yield what is called after each.
+
+    Where stderr is no terminal, as in the log of a job, that is a line at most each half minute, and one at the end.
+    """
+    import time
+
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+    console, done, printed, start = Console(stderr=True), 0, 0.0, time.monotonic()
+
+    def tell() -> None:
+        nonlocal done, printed
+        done, passed = done + 1, time.monotonic() - start
+        if passed >= printed + 30.0 or done == episodes:
+            printed = passed
+            say(f"{suite}: {done} of {episodes} episodes after {passed:.0f} s")
+
+    if not console.is_terminal:
+        yield tell
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    with Progress(*columns, console=console) as bar:
         task = bar.add_task(escape(suite), total=episodes)
         yield lambda: bar.advance(task)
 

@@ -28,6 +28,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -45,6 +46,8 @@ from antway.world.policy import Command, Observation, Policy, Task, Tracks
 SILENT = "silent"
 _LOOK = 1e-3  # s; period at which the guard looks for the planner's command; waking it would cost the planner 10 us
 _TIMEOUT = 2.0  # s; time for the guard process to end, in which it releases the motors
+_START = 300.0  # s; time for it to be ready for a new robot, for which it may have to compile
+_READY = 5.0  # s; time for it to be ready for another task of the same robot
 Driver = Callable[[Command, Observation], None]  # sends a passed command, which answers an observation, to the motors
 
 
@@ -93,7 +96,7 @@ class GuardProcess:
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         try:
             self._tell((self.folder, self.deadline, self.slack, emit, guard, os.getpid()))
-            self.reset(task)
+            self._reset(task, _START)
         except BaseException:
             self.close()
             raise
@@ -104,14 +107,26 @@ class GuardProcess:
         self.process.stdin.flush()
 
     def reset(self, task: Task) -> None:
-        """Start a new drive, and return when the guard is ready; the numbers of observations continue."""
+        """Start a new drive, and return when the guard is ready; the numbers of observations continue.
+
+        Raises
+        ------
+        BadParameter
+            If the process has ended, or is not ready within 5 s (300 s for a new robot); it is killed then.
+        """
+        self._reset(task, _READY if task.robot == self.task.robot else _START)
+
+    def _reset(self, task: Task, seconds: float) -> None:
         assert self.process.stdout is not None
-        self.task = task
+        self.task, killer = task, threading.Timer(seconds, self.process.kill)
+        killer.start()
         with contextlib.suppress(BrokenPipeError):  # a process that has ended is not ready
             self._tell(task)
         self.link.ring("guard")
-        if not self.process.stdout.readline():
-            raise BadParameter("task", task, "such that the guard's process takes it up")
+        ready = self.process.stdout.readline()
+        killer.cancel()
+        if not ready:
+            raise BadParameter("task", task, f"such that the guard's process takes it up within {seconds:g} s")
 
     def observe(self, o: Observation) -> int:
         """Write an observation for guard and planner; return its number."""

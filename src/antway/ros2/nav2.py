@@ -29,6 +29,7 @@ START_OCCUPIED, GOAL_OCCUPIED, PLAN_TIMEOUT, NO_VALID_PATH = 205, 206, 207, 208
 FOLLOW_UNKNOWN, INVALID_CONTROLLER, FOLLOW_TF_ERROR, INVALID_PATH, PATIENCE_EXCEEDED = 100, 101, 102, 103, 104
 FAILED_TO_MAKE_PROGRESS = 105
 TASK_EXECUTOR_FAILED, NO_VALID_WAYPOINTS = 601, 602
+WAYPOINT_FAILED = 3  # of nav2_msgs/msg/WaypointStatus
 ENDS = {
     End.ARRIVED: NONE,
     End.REPLACED: NONE,
@@ -67,13 +68,18 @@ def nav2_kinds() -> dict[str, Kind]:
 
     def waypoints() -> Kind:
         made = kind("FollowWaypoints")
-        numbers = "int32" in made.type.Result.get_fields_and_field_types().get("missed_waypoints", "")  # in older releases
+        listed = made.type.Result.get_fields_and_field_types().get("missed_waypoints", "").partition("<")[2].rstrip(">")
+
+        def missed(index: int, code: int) -> Any:
+            """Return a pose that was missed as Humble, Iron and Jazzy, or later releases tell it."""
+            if listed == "int32":
+                return index
+            if listed.endswith("/MissedWaypoint"):
+                return make("nav2_msgs/msg/MissedWaypoint", index=index, error_code=code)
+            return make("nav2_msgs/msg/WaypointStatus", waypoint_index=index, error_code=code, waypoint_status=WAYPOINT_FAILED)
 
         def result(missed_waypoints: list[tuple[int, int]], **fields: Any) -> Any:
-            missed = [
-                i if numbers else make("nav2_msgs/msg/MissedWaypoint", index=i, error_code=code) for i, code in missed_waypoints
-            ]
-            return fitting(made.type.Result)(missed_waypoints=missed, **fields)
+            return fitting(made.type.Result)(missed_waypoints=[missed(*one) for one in missed_waypoints], **fields)
 
         return replace(made, result=result)
 
