@@ -35,6 +35,7 @@ class LifecycleNode:
     def __init__(self, name: str) -> None:
         self.name, self.said = name, list[tuple[str, str]]()
         self.told, self.published, self.heard_on = dict[str, Any](), dict[str, Publisher](), dict[str, Any]()
+        self.executor = None
         self._parameter_overrides = {key: SimpleNamespace(value=value) for key, value in self.overrides.items()}
 
     def declare_parameter(self, name: str, default: Any, about: Any) -> Any:
@@ -78,6 +79,9 @@ class LifecycleNode:
     def get_clock(self) -> Any:
         return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: TIME))
 
+    def resolve_topic_name(self, name: str) -> str:
+        return f"/one/{name}"
+
     def get_namespace(self) -> str:
         return "/one"
 
@@ -90,7 +94,11 @@ def node_module(monkeypatch: Any) -> ModuleType:
     any_kind = type("Any", (), {"__init__": lambda self, *details, **more: None})
     have = {
         "rclpy": dict.fromkeys(("init", "shutdown"), any_kind),
-        "rclpy.action": dict.fromkeys(("ActionServer", "CancelResponse", "GoalResponse"), any_kind),
+        "rclpy.action": {
+            "ActionServer": any_kind,
+            "CancelResponse": Enum("CancelResponse", ["REJECT", "ACCEPT"]),
+            "GoalResponse": Enum("GoalResponse", ["REJECT", "ACCEPT"]),
+        },
         "rclpy.clock": {"Clock": any_kind, "ClockType": SimpleNamespace(STEADY_TIME=1)},
         "rclpy.exceptions": {"ParameterException": type("ParameterException", (Exception,), {})},
         "rclpy.executors": {"SingleThreadedExecutor": MagicMock},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,8 @@ import pytest
 from antway import Grid
 from antway.ros2 import convert
 from antway.ros2.frames import HERE
-from antway.world.policy import Command
+from antway.ros2.nav2 import Failure, Kind
+from antway.world.policy import Command, Tracks
 from fake_ros import LifecycleNode, node_module
 from naive.laser import measured
 
@@ -48,6 +50,34 @@ def goal(x: float, y: float):
     return SimpleNamespace(header=convert.header_message(0.0, "map"), pose=convert.pose_message(x, y, 0.0))
 
 
+def update(t: float, x: int, y: int, costs) -> SimpleNamespace:
+    """A map_msgs/msg/OccupancyGridUpdate."""
+    costs = np.array(costs, np.int8)
+    height, width = costs.shape
+    return SimpleNamespace(
+        header=convert.header_message(t, "map"), x=x, y=y, width=width, height=height, data=costs.ravel().tolist()
+    )
+
+
+def test_updates_change_a_part_of_a_costmap(made) -> None:
+    """They come beside the map's topic, and count from its stamp on; one that came before the map counts if it is newer."""
+    node = made()
+    hear, told = node.heard_on["/one/map_updates"], []
+    node.pilot.receive_map = told.append
+    hear(update(3.0, 2, 1, [[100, -1], [0, 99]]))
+    assert not told
+    node.heard_on["map"](convert.grid_message(ROOM, t=2.0))
+    hear(update(2.5, 0, 0, [[100]]))
+    hear(update(4.0, 2, 1, [[0]]))
+    for wrong in (update(5.0, 39, 0, [[0, 0]]), update(5.0, -1, 0, [[0]]), update(5.0, 0, 0, [[101]])):
+        hear(wrong)
+        assert node.said[-1][0] == "error" and "map refused: OccupancyGrid" in node.said[-1][1]
+    first, second = ROOM.blocked.copy(), ROOM.blocked.copy()
+    first[1, 2:4] = second[1, 3] = True
+    assert [(grid.blocked == blocked).all() for grid, blocked in zip(told, (first, second), strict=True)] == [True, True]
+    assert told[0].unknown[1, 3] and told[0].unknown.sum() == 1
+
+
 def test_a_goal_for_a_node_that_is_not_active_is_told(made) -> None:
     """A goal_pose that comes too early or too late is not dropped without a word."""
     node = made()
@@ -55,6 +85,17 @@ def test_a_goal_for_a_node_that_is_not_active_is_told(made) -> None:
     node.said.clear()
     node.heard_on["goal_pose"](goal(6.0, 2.0))
     assert node.said == [("warning", "goal_pose is ignored, because the node is not active")] and node.pilot.goal is None
+
+
+def test_markers_that_only_delete_need_no_frame(made) -> None:
+    """A delete-all marker without a frame, as it is by default, goes with obstacles in the map's, and with none."""
+    node = made()
+    one = Tracks(np.array([4]), np.array([[5.0, 6.0]]), np.array([[0.5, 0.0]]), np.array([0.3]))
+    for t, tracks in ((1.0, one), (1.1, Tracks.none())):
+        message = convert.markers_message(tracks, t)
+        message.markers[0].header = convert.header_message(t, "")
+        node.heard_on["obstacles"](message)
+        assert node.pilot.scan[0] == pytest.approx(t) and node.pilot.scan[1].id.tolist() == tracks.id.tolist(), node.said
 
 
 def test_odometry_whose_clock_stands_is_silent(made, monkeypatch) -> None:
@@ -127,6 +168,71 @@ def test_it_can_be_ended_while_it_compiles(monkeypatch) -> None:
     before = signal.getsignal(signal.SIGINT)
     assert module.main([]) == 0 and not done
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_tour_pre_empts_what_the_robot_drives_to(made, monkeypatch) -> None:
+    """Whoever drove is told so at once, and the new tour can be cancelled; a bad tour leaves no drive that cannot be."""
+    node, searches = made(), []
+    monkeypatch.setattr("antway.ros2.tours.in_thread", lambda executor, work, answer: searches.append((work, answer)))
+    kind = Kind(None, lambda goal: goal, lambda **fields: fields["error_code"], lambda **fields: fields)
+    served, ends = sys.modules["antway.ros2.actions"].Served(node, {"visit_poses": kind}), []
+
+    def visit(name: str, x: float) -> SimpleNamespace:
+        handle = SimpleNamespace(goal_id=name, request=SimpleNamespace(poses=[goal(x, 2.0)], number_of_loops=0))
+        handle.is_cancel_requested = handle.is_active = False
+        handle.succeed = handle.abort = handle.canceled = print
+        handle.execute = lambda end: ends.append((name, end(handle)))
+        served._visit(handle)
+        return handle
+
+    node.heard_on["map"](convert.grid_message(ROOM))
+    node.heard_on["odom"](odometry(5.0))
+    first = visit("first", 6.0)
+    searches[0][1]([0], None)
+    assert node.pilot.goal is not None and not ends
+    second = visit("second", 99.0)
+    assert node.pilot.goal is None and ends == [("first", 601)]
+    served.node.drop = lambda reason: ends.append(reason)
+    answers = sys.modules["rclpy.action"].CancelResponse
+    assert served._cancel(first) is answers.REJECT and served._cancel(second) is answers.ACCEPT
+    searches[1][1](None, Failure(304, "off the map"))
+    assert ends[1:] == ["the goal is cancelled", ("second", 602)] and served.following is None
+
+
+class Buffer:
+    """A buffer of tf2_ros: it tells the latest of what it was told, and drops what is over 10 s older than that."""
+
+    def __init__(self) -> None:
+        self.stamps: list[float] = []
+
+    def hear(self, t: float) -> None:
+        if not self.stamps or t > max(self.stamps) - 10.0:
+            self.stamps.append(t)
+
+    def clear(self) -> None:
+        self.stamps.clear()
+
+    def lookup_transform(self, *_):
+        if not self.stamps:
+            raise LookupError("nothing heard")
+        pose = convert.pose_message(1.0, 0.0, 0.0)
+        move = SimpleNamespace(translation=pose.position, rotation=pose.orientation)
+        return SimpleNamespace(header=convert.header_message(max(self.stamps), "map"), transform=move)
+
+
+def test_tf_is_heard_anew_when_time_goes_back(made) -> None:
+    """A bag that begins again stops no robot for as long as it took before; clocks that differ change nothing."""
+    node, buffer = made(), Buffer()
+    node.transforms.tf2, node.transforms.buffer = SimpleNamespace(TransformException=LookupError), buffer
+    buffer.hear(503.0)
+    node.heard_on["odom"](odometry(500.0, frame="odom"))
+    assert "-3.00 s" in node.said[-1][1] and buffer.stamps and node.pilot.odometry is None
+    buffer.clear()
+    for start in (500.0, 20.0):
+        for k in range(5):
+            buffer.hear(start + 0.1 * k)
+            node.heard_on["odom"](odometry(start + 0.1 * k, frame="odom"))
+        assert node.pilot.odometry.t == pytest.approx(start + 0.4) and node.pilot.odometry.xy == (3.0, 2.0)
 
 
 SCAN = {"angle_min": -math.pi, "angle_increment": math.pi / 360, "range_min": 0.05, "range_max": 8.0}

@@ -209,6 +209,8 @@ class Served:
             start, *poses = [self._place(None), *(self._place(one) for one in goal.poses)]
         except Failure as failure:
             return ended(NO_VALID_WAYPOINTS, failure.reason, [])
+        if self.node.pilot.goal is not None:
+            self.node.drop("pre-empted by a tour")
         self.following = handle
         Visit(self.node, start, poses, int(goal.number_of_loops), ended, feed)
         return None

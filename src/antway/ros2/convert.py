@@ -143,6 +143,60 @@ def read_grid(message: Any, *, occupied: int = 100) -> Grid:
         raise wrong.at(where, f"info.{wrong.field}") from None
 
 
+class MapReader:
+    """Reads maps in `frame`, and updates of parts of the last one, as costmaps send them.
+
+    Cells of cost `occupied` or more, or -1 (unknown), are blocked.
+    """
+
+    def __init__(self, frame: str, occupied: int) -> None:
+        self.frame, self.occupied = frame, occupied
+        self.info: Any = None  # the meta data of the map in use
+        self.early: Any = None  # an update that came before its map
+        self.time_went_back()
+
+    def time_went_back(self) -> None:
+        """Let a map or update follow that is older than the last one."""
+        self.stamp = -math.inf  # s
+
+    def _stamp(self, message: Any) -> float:
+        checks.choice("header.frame_id", message.header.frame_id, [self.frame])
+        return seconds(message.header.stamp)
+
+    def read(self, message: Any) -> Grid:
+        """Return the map in a nav_msgs/msg/OccupancyGrid; raise `BadInput` if it is malformed or older than the one in use."""
+        stamp = self._stamp(message)
+        if stamp < self.stamp:
+            raise BadMap("header.stamp", stamp, f"no older than that of the map in use, {self.stamp} s")
+        grid = read_grid(message, occupied=self.occupied)
+        self.stamp, self.info, early, self.early = stamp, message.info, self.early, None
+        self.costs = np.array(message.data, np.int8).reshape(grid.shape)
+        try:
+            return grid if early is None else self.update(early) or grid
+        except BadInput:  # it was of another map
+            return grid
+
+    def update(self, message: Any) -> Grid | None:
+        """Return the map with the cells in a map_msgs/msg/OccupancyGridUpdate; None if there is no map yet, or a newer one."""
+        stamp = self._stamp(message)
+        if self.info is None:
+            self.early = message
+        if self.info is None or stamp < self.stamp:
+            return None
+        (rows, cols), where = self.costs.shape, "OccupancyGridUpdate"
+        x = checks.integer("x", message.x, low=0, high=cols - 1, where=where)
+        y = checks.integer("y", message.y, low=0, high=rows - 1, where=where)
+        width = checks.integer("width", message.width, low=0, high=cols - x, where=where)
+        height = checks.integer("height", message.height, low=0, high=rows - y, where=where)
+        if len(message.data) != width * height:
+            raise BadMap("data.length", len(message.data), f"width * height, {width * height}", where=where)
+        costs = self.costs.copy()
+        costs[y : y + height, x : x + width] = np.asarray(message.data).reshape(height, width)
+        grid = read_grid(plain("", info=self.info, data=costs.ravel()), occupied=self.occupied)
+        self.stamp, self.costs = stamp, costs
+        return grid
+
+
 def costs_message(
     costs: NDArray[np.int8],
     resolution: float,
@@ -296,6 +350,11 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
     velocity = np.array([arrows.get(name, (math.nan, math.nan)) for name in discs], np.float64).reshape(-1, 2)
     t = max(seconds(marker.header.stamp) for marker in message.markers)
     return t, Tracks(np.array(list(discs), np.int64), rows[:, :2].copy(), velocity, rows[:, 2].copy())
+
+
+def placed_headers(message: Any) -> list[Any]:
+    """Return the headers of the markers that are added by a visualization_msgs/msg/MarkerArray: others are in no place."""
+    return [marker.header for marker in getattr(message, "markers", []) if getattr(marker, "action", ADD) == ADD]
 
 
 def marker_message(

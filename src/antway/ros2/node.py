@@ -21,8 +21,7 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from antway import checks
-from antway.errors import BadInput, BadMap, BadParameter
+from antway.errors import BadInput, BadParameter
 from antway.grid import Grid
 from antway.policies.guard_process import GuardProcess
 from antway.ros2 import convert, frames
@@ -42,6 +41,7 @@ from antway.world.policy import Decision, Task, Tracks
 
 T = TypeVar("T")
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+UPDATES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 SEEN_AHEAD = 3.0  # s; how far ahead predictions are shown
 
@@ -93,7 +93,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.done: Callable[[End, str], None] | None = None  # called with how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # called after each command
         self.orders = 0  # number of goals, tours and stops that were asked for
-        self.map_stamp = 0.0  # s
+        self.maps = convert.MapReader(self.settings.frame, self.settings.map_occupied)
         self.laser = Laser(self.settings.timeout)
         self.shown: Decision | None = None
         self.heard = time.monotonic()  # s; when odometry was last good
@@ -133,12 +133,16 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         """Open the topics that the node receives; `kind` is the class of messages on obstacles."""
         settings = self.settings
         scans = settings.obstacles_type == LASER and settings.reader is None
-        for message, topic, qos, callback in (
+        updates = f"{self.resolve_topic_name('map')}_updates"  # beside a costmap, as Nav2 sends them
+        wanted = [
             (kind, "scan" if scans else "obstacles", SENSOR, self._on_scan if scans else self._on_obstacles),
             (load("nav_msgs/msg/OccupancyGrid"), "map", LATCHED, self._on_map),
             (load("nav_msgs/msg/Odometry"), "odom", SENSOR, self._on_odometry),
             (load("geometry_msgs/msg/PoseStamped"), "goal_pose", 10, self._on_goal),
-        ):
+        ]
+        if find_spec("map_msgs"):
+            wanted.append((load("map_msgs/msg/OccupancyGridUpdate"), updates, UPDATES, self._on_map))
+        for message, topic, qos, callback in wanted:
             self.parts.append((self.destroy_subscription, self.create_subscription(message, topic, callback, qos)))
 
     def _guard_process(self, task: Task) -> GuardProcess | None:
@@ -214,18 +218,10 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         return found
 
     def _on_map(self, message: Any) -> None:
-        """Receive a map, unless it is older than the one in use."""
-
-        def read(message: Any) -> tuple[float, Grid]:
-            checks.choice("header.frame_id", message.header.frame_id, [self.settings.frame])
-            stamp = convert.seconds(message.header.stamp)
-            if stamp < self.map_stamp:
-                raise BadMap("header.stamp", stamp, f"no older than that of the map in use, {self.map_stamp} s")
-            return stamp, convert.read_grid(message, occupied=self.settings.map_occupied)
-
-        found = self._read("map", read, message)
-        if found is not None:
-            self.map_stamp, grid = found
+        """Receive a map, or an update of a part of it, unless it is older than the map in use."""
+        read = self.maps.read if hasattr(message, "info") else self.maps.update
+        grid = self._read("map", read, message)
+        if grid is not None:
             self._do(self.pilot.receive_map(grid))
 
     def _on_goal(self, message: Any) -> None:
@@ -245,7 +241,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             t, tracks = self.settings.reader(message)
             if self.pilot.overtaken(t):
                 return self.pilot.scan
-            headers = [message.header] if hasattr(message, "header") else [m.header for m in getattr(message, "markers", [])]
+            headers = [message.header] if hasattr(message, "header") else convert.placed_headers(message)
             names = {header.frame_id for header in headers}
             if len(names) > 1:
                 raise BadParameter("header.frame_id", sorted(names), "the same throughout a message")
@@ -298,7 +294,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         t, now = odometry.t, time.monotonic()
         last = self.laser.trail[-1][0] if self.laser.trail else -math.inf
         if t < last:  # time went back, so an older map may be newer
-            self.map_stamp = 0.0
+            self.maps.time_went_back()
         self.laser.moved(t, (*odometry.xy, odometry.heading))
         self._see(t)
         if self._do(self.pilot.receive_odometry(odometry, now)):

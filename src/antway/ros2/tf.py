@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 from importlib.util import find_spec
 from typing import Any
 
@@ -20,6 +21,7 @@ class Transforms:
 
     def __init__(self, node: Any) -> None:
         self.tf2: Any = importlib.import_module("tf2_ros") if find_spec("tf2_ros") else None
+        self.t = -math.inf  # s; for which time there was a transform last
         if self.tf2:
             self.buffer = self.tf2.Buffer()
             self.listener = self.tf2.TransformListener(self.buffer, node)
@@ -56,7 +58,10 @@ class Transforms:
             raise BadParameter("header.frame_id", frame, f"{within}, or a frame that tf knows ({error})") from None
         stamp, move = convert.seconds(found.header.stamp), found.transform
         if stamp != 0.0 and not -POSTDATED - timeout <= t - stamp <= timeout:
+            if stamp > t and t < self.t:  # time went back, and tf would go on telling what it knew then
+                self.buffer.clear()
             age, allowed = f"{t - stamp:.2f} s", f"at most {timeout:g} s (down to -{POSTDATED + timeout:g} s): tf is silent"
             raise BadParameter(f"age of tf from {within} to {frame}", age, allowed)
+        self.t = t
         place = convert.plain("", position=move.translation, orientation=move.rotation)
         return convert.read_mount(place, where=f"tf from {within} to {frame}")

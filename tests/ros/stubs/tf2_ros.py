@@ -18,6 +18,10 @@ class Buffer:
     def __init__(self) -> None:
         self.known: dict[str, TransformStamped] = {}
 
+    def clear(self) -> None:
+        """Forget all."""
+        self.known.clear()
+
     def lookup_transform(self, target_frame: str, source_frame: str, time) -> TransformStamped:
         """The pose of `source_frame` in `target_frame`, an ancestor of it; its stamp is the oldest that is not 0."""
         assert time.nanoseconds == 0, "the newest is asked for"
