@@ -154,6 +154,16 @@ def test_what_goes_wrong_in_configure_is_told(made, monkeypatch) -> None:
     assert node.said[-1] == ("error", "ZeroDivisionError: division by zero") and not node.parts and not node.compiling
 
 
+def test_a_transition_that_raises_leaves_nothing_open(made) -> None:
+    """After an error the node is not configured: it neither drives on nor holds topics that the next configure opens again."""
+    node = made()
+    node.heard_on["goal_pose"](goal(6.0, 2.0))
+    node.done = lambda *_: 1 / 0
+    with pytest.raises(ZeroDivisionError):
+        node.on_deactivate(None)
+    assert node.on_error(None).name == "SUCCESS" and not node.parts and not node.active
+
+
 def test_it_can_be_ended_while_it_compiles(monkeypatch) -> None:
     """SIGINT ends a node that still compiles kernels, which may take minutes, and not only afterwards."""
     module = node_module(monkeypatch)

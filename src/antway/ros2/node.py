@@ -133,14 +133,14 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         """Open the topics that the node receives; `kind` is the class of messages on obstacles."""
         settings = self.settings
         scans = settings.obstacles_type == LASER and settings.reader is None
-        updates = f"{self.resolve_topic_name('map')}_updates"  # beside a costmap, as Nav2 sends them
         wanted = [
             (kind, "scan" if scans else "obstacles", SENSOR, self._on_scan if scans else self._on_obstacles),
             (load("nav_msgs/msg/OccupancyGrid"), "map", LATCHED, self._on_map),
             (load("nav_msgs/msg/Odometry"), "odom", SENSOR, self._on_odometry),
             (load("geometry_msgs/msg/PoseStamped"), "goal_pose", 10, self._on_goal),
         ]
-        if find_spec("map_msgs"):
+        if find_spec("map_msgs"):  # as Nav2 sends them beside a costmap
+            updates = f"{self.resolve_topic_name('map')}_updates"
             wanted.append((load("map_msgs/msg/OccupancyGridUpdate"), updates, UPDATES, self._on_map))
         for message, topic, qos, callback in wanted:
             self.parts.append((self.destroy_subscription, self.create_subscription(message, topic, callback, qos)))
@@ -186,6 +186,11 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.halt("shut down")
         return self.on_cleanup(state)
 
+    def on_error(self, state: Any) -> TransitionCallbackReturn:
+        """Close everything after a transition that raised an error: the node is not configured then."""
+        self.active = False
+        return self.on_cleanup(state)
+
     def halt(self, reason: str) -> None:
         """Stop the robot if the node drives it."""
         if self.active:
@@ -219,8 +224,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def _on_map(self, message: Any) -> None:
         """Receive a map, or an update of a part of it, unless it is older than the map in use."""
-        read = self.maps.read if hasattr(message, "info") else self.maps.update
-        grid = self._read("map", read, message)
+        grid = self._read("map", self.maps.read if hasattr(message, "info") else self.maps.update, message)
         if grid is not None:
             self._do(self.pilot.receive_map(grid))
 
