@@ -67,7 +67,8 @@ def test_clearance_is_exact() -> None:
         assert np.allclose(grid.clearance(), exact * resolution, rtol=1e-12, atol=0)
         for radius in (0.0, 0.5, math.sqrt(0.5), 1.2, 1.5, 40.0):
             if radius:
-                assert np.array_equal(grid.inflate(radius * resolution).blocked, grid.blocked | (exact < radius - 1e-9))
+                metres = float(f"{radius * resolution:.15g}")  # as people write it: 0.45 is more than 1.5 * 0.3
+                assert np.array_equal(grid.inflate(metres).blocked, grid.blocked | (exact < radius - 1e-9))
     assert grid.inflate(0.0) is grid
 
 
@@ -165,6 +166,7 @@ def test_a_turned_map_frees_nothing(yaw):
     clear = np.argwhere(grid.clearance() > 0.4 * math.sqrt(2.0))
     assert all(not turned.blocked[turned.cell_at(xy)] for xy in grid.to_xy(clear))
     assert (turned.unknown <= turned.blocked).all()
+    assert not any(turned.unknown[turned.cell_at(xy)] for xy in grid.to_xy(np.argwhere(blocked & ~unknown)))
 
 
 @pytest.mark.parametrize(("quarters", "as_numpy"), [(1, -1), (2, 2), (-1, 1)])

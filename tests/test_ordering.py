@@ -219,6 +219,16 @@ def test_a_deadline_may_be_the_end() -> None:
     matrix = 0.1 * np.abs(np.subtract.outer(np.arange(4.0), np.arange(4.0)))
     answer = order_stops(matrix, priorities=np.ones(4), deadline=0.3, cycles=2)
     assert answer.collected == 4.0 and answer.feasible
+    # Service at the end must be over by then: there is no time for stop 1.
+    answer = order_stops(matrix, end=3, service=[0, 0.1, 0, 0.1], priorities=np.ones(4), deadline=0.4, cycles=2)
+    assert answer.collected == 3.0 and answer.feasible and answer.orders[0].tolist() == [0, 2, 3]
+
+
+def test_no_robot_is_back_before_a_window_opens() -> None:
+    answer = order_stops(np.ones((3, 3)), windows=[(0, 9), (8, 9), (0, 9)], robots=2, objective="makespan", cycles=2)
+    assert answer.cost == 8.0 and answer.bound == pytest.approx(8.0)
+    answer = order_stops(np.ones((3, 3)), windows=[(0, 9)] * 3, service=[5, 0, 0], objective="makespan", cycles=2)
+    assert answer.cost == 7.0 and answer.bound == pytest.approx(7.0)
 
 
 def test_routes_stay_in_time_where_ways_through_a_stop_are_shorter() -> None:

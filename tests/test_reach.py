@@ -7,7 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from antway.kernels.robot.reach import reach_gap_along
+from antway import Grid
+from antway.kernels.robot.reach import reach_gap_along, split_at_walls
+from antway.world.terrain import walls_of
 from common import cases
 from naive import reach as naive
 
@@ -59,3 +61,30 @@ def test_whoever_keeps_to_the_bounds_is_never_nearer_than_the_gap():
             nx, ny = vx + dx * share, vy + dy * share
             x, y, t = x + (vx + nx) / 2 * step, y + (vy + ny) / 2 * step, t + step
             vx, vy = nx, ny
+
+
+def test_two_rows_hold_whoever_may_turn_at_a_wall():
+    """It swerves to the wall at x = 4 m and leaves that with all its speed anywhere; far from walls one row is enough."""
+    walls, rng = walls_of(Grid(np.ones((160, 1)) * np.arange(240) >= 200, 0.02)), np.random.default_rng(4)
+    for _ in range(cases(10)):
+        vx, vy, radius = rng.uniform((0.8, -1.0, 0.1), (1.5, 1.0, 0.4))
+        accel, age = rng.choice([0.0, 0.5, 4.0]), 0.02
+        speed, x = math.hypot(vx, vy) + accel, rng.uniform(2.9, 3.4)
+        rows = np.tile([x, 1.6, vx, vy, radius, speed, accel, age], (2, 1))
+        assert split_at_walls(rows, 1, walls, 1.0) == 2
+        since = age - rows[1, 7]
+        assert since >= 0.0 and rows[1, :2] == pytest.approx((x + vx * (since + 0.025), 1.6 + vy * (since + 0.025)))
+        assert rows[1, 4] == pytest.approx(radius + accel * (since + 0.05) ** 2 / 2 + 0.025 * math.hypot(vx, vy))
+        for angle in np.linspace(0.0, math.pi, 5):
+            ax, ay, met = accel * math.cos(angle), accel * math.sin(angle), math.nan
+            for t in np.arange(0.0, 1.0, 0.01):
+                px, py = x + vx * t + ax * t * t / 2, 1.6 + vy * t + ay * t * t / 2
+                met = t if math.isnan(met) and px > 4.0 - radius else met
+                places = [(px, py)]
+                if t > met:
+                    px, py = x + vx * met + ax * met * met / 2, 1.6 + vy * met + ay * met * met / 2
+                    places = [(px + speed * (t - met) * math.cos(a), py + speed * (t - met) * math.sin(a)) for a in range(6)]
+                for place in places:
+                    assert min(naive.gap(row, *place, t - age) for row in rows) <= 1e-9 - radius
+    far = np.tile([2.0, 1.6, 0.5, 0.5, 0.3, 1.0, 0.5, 0.0], (2, 1))
+    assert split_at_walls(far, 1, walls, 1.0) == 1

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from antway import BadInput, BadParameter, Command, Decision, Grid, RobotSpec, Scenario, World, check_episode, run
+from antway import BadInput, BadParameter, Command, Decision, Grid, Outcome, RobotSpec, Scenario, World, check_episode, run
 from antway.errors import InvalidPlan
+from antway.kernels.base.records import RobotState
+from antway.kernels.robot.motion import drive_cycle
 from antway.policies.guard import Guarded
-from antway.world.motions import Bounce
-from antway.world.robots import ROBOTS, load_robot
+from antway.world.motions import Bounce, Replay
+from antway.world.robots import ROBOTS, load_robot, towards
 from antway.world.trace import Trace
 from antway.world.world import Obstacle
 from common import cases
@@ -41,6 +43,13 @@ class Wanderer:
 
     def explain(self):
         return Decision("follow", "wanders")
+
+
+class Turning(Wanderer):
+    """Turns on the spot."""
+
+    def act(self, o):
+        return Command(twist=(0.0, 1.0))
 
 
 def hall(rng: np.random.Generator, robot: RobotSpec, discs: int = 4) -> Scenario:
@@ -125,6 +134,28 @@ def test_the_check_finds_what_is_false(name: str) -> None:
         wrong[row] += 0.1 if field != "command" else np.where(wrong[row] > 0, -3.0, 3.0)
         with pytest.raises(InvalidPlan):
             check_episode(replace(trace, **{field: wrong}))
+
+
+def test_a_footprint_that_turns_is_moving() -> None:
+    """A bar that turns on the spot strikes who stands beside it, and the contact is one of a robot in motion."""
+    bar = RobotSpec(drive="differential", footprint=((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), alpha_max=3.0)
+    world = World(Grid(np.zeros((10, 10), bool)), (Obstacle(0.1, Replay((0.0, 1.0), ((5.0, 5.5), (5.0, 5.5)))),))
+    result = run(Scenario(world, (5.0, 5.0), (9.0, 5.0), robot=bar, horizon=5.0), Turning())
+    assert result.outcome.value == "hit-moving" and result.length == 0.0
+    check_episode(result)
+    with pytest.raises(InvalidPlan, match="claims hit-standing though the robot was moving"):
+        check_episode(replace(result.trace, outcome=Outcome.HIT_STANDING))
+
+
+@pytest.mark.parametrize(("alpha", "most"), [(math.inf, 1e-9), (3.0, 0.1)])
+def test_wheels_told_a_velocity_turn_to_it_and_hardly_further(alpha: float, most: float) -> None:
+    robot = RobotSpec(drive="differential", alpha_max=alpha)
+    for velocity in ((0.0, 1.0), (-1.0, -0.1), (1.0, 0.01)):
+        state, goal = RobotState(0.0, 0.0, 0.0, 0.0, 0.0), math.atan2(velocity[1], velocity[0])
+        for _ in range(60):
+            state = drive_cycle(state, *towards(velocity, state.theta, robot), robot.limits, robot.dt)
+            assert abs(state.theta) < abs(goal) + most
+        assert state.theta == pytest.approx(goal, abs=1e-4)
 
 
 def test_traces_of_old_are_of_steps() -> None:

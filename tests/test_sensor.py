@@ -66,6 +66,9 @@ def test_rate_and_latency() -> None:
     stamps = [eyes.observe(t, 3.0, 4.0)[0] for t in np.arange(12) * 0.1]
     assert stamps[:2] == [-math.inf, -math.inf]
     np.testing.assert_allclose(stamps[2:], [0.0] * 5 + [0.5] * 5, atol=1e-9)
+    uneven = scanner(Sensor(period=0.25), moving())  # a scan is not late because the one before was
+    stamps = [uneven.observe(t, 3.0, 4.0)[0] for t in np.arange(9) * 0.1]
+    np.testing.assert_allclose(stamps, [0.0, 0.0, 0.0, 0.3, 0.3, 0.5, 0.5, 0.5, 0.8], atol=1e-9)
 
 
 def test_noise_and_losses_have_their_size_and_repeat() -> None:

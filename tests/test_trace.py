@@ -91,9 +91,12 @@ def test_traces_of_version_1_are_read(tmp_path: Path) -> None:
     sample().save(path)
     record = json.loads(path.read_text())
     record["version"] = 1
+    record["task"]["robot"]["a_max"] = 2.0  # without turn rates such a robot drove in steps
     record["decisions"][1]["alternatives"] = [["the plan", 8.5], ["no way is faster than", 8.25]]
     path.write_text(json.dumps(record))
-    decision = Trace.load(path).decisions[1][1]
+    trace = Trace.load(path)
+    decision = trace.decisions[1][1]
+    assert trace.task.robot == RobotSpec(a_max=2.0, dynamics="steps")
     assert decision.alternatives == (("the plan", 0.25),) and decision.weighed() == [("the plan", "+0.2 s")]
 
 

@@ -57,7 +57,7 @@ def _visit_faults(trace: Trace, visit: Visit) -> Iterator[str]:
         return
     if abs(visit.start - max(visit.arrival, stop.window[0])) > _NEAR:
         yield f"begins at {visit.start:g} s; it arrived at {visit.arrival:g} s, and its window opens at {stop.window[0]:g} s"
-    if visit.end - visit.start < stop.service - trace.task.robot.dt - _NEAR:
+    if visit.end - visit.start < stop.service - _NEAR:
         yield f"is served for {visit.end - visit.start:g} s in place of {stop.service:g} s"
     rows = (trace.t >= visit.arrival - _NEAR) & (trace.t <= visit.end + _NEAR)
     away = np.hypot(*(trace.xy[rows] - np.array(stop.at)).T)

@@ -168,10 +168,7 @@ def _nearby(state: RobotState, robot: Robot, tracks: NDArray[np.float64]) -> int
     """Copy the obstacles that a cycle and a stop could come near to `robot.rows`; return how many there are."""
     (x, y, _, a, b), limits, n = state, robot.limits, 0
     speed = math.hypot(a, b) if limits.drive == HOLONOMIC else abs(a)
-    accelerates = limits.a_max < math.inf
-    fastest = min(speed + limits.a_max * robot.dt, limits.v_max) if accelerates else limits.v_max
-    if limits.drive != HOLONOMIC:
-        fastest = max(fastest, min(limits.v_reverse, limits.a_max * robot.dt if accelerates else limits.v_reverse))
+    fastest = min(speed + limits.a_max * robot.dt, limits.v_max)
     stop = fastest / limits.brake_max if limits.brake_max < math.inf else 0.0
     turning = limits.turn_rate / limits.alpha_max if len(robot.body.corners) > 1 and limits.alpha_max < math.inf else 0.0
     time = limits.latency + 2.0 * robot.dt + max(stop, turning) + turning

@@ -89,7 +89,6 @@ def _aside(situation: Situation, tracks: NDArray[np.float64], lookahead: float) 
             best, one, two, chosen = worth, ca, cb, float(k)
     if chosen < 0.0:
         return 0.0, 0.0, False
-    stop_for(situation, one, two)  # `keep` must hold the stop after the best command, and the last one tried may be another
     keep[SIDE] = chosen
     return one, two, True
 
@@ -143,7 +142,7 @@ def passed_command(
     side_a, side_b, stepped = _aside(aside, tracks, lookahead)
     if stepped:
         return side_a, side_b, STEPPED_ASIDE
-    if slowed and stop_for(situation, one, two):  # once more, because `keep` holds the stop that was tried last
+    if slowed:
         return one, two, SLOWED
     if not moves and stop_for(situation, ca, cb):
         return ca, cb, FREE
