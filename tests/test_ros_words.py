@@ -68,7 +68,8 @@ def test_updates_change_a_part_of_a_costmap(made) -> None:
     assert not told
     node.heard_on["map"](convert.grid_message(ROOM, t=2.0))
     hear(update(2.5, 0, 0, [[100]]))
-    hear(update(4.0, 2, 1, [[0]]))
+    for t in (4.0, 4.5):
+        hear(update(t, 2, 1, [[0]]))
     for wrong in (update(5.0, 39, 0, [[0, 0]]), update(5.0, -1, 0, [[0]]), update(5.0, 0, 0, [[101]])):
         hear(wrong)
         assert node.said[-1][0] == "error" and "map refused: OccupancyGrid" in node.said[-1][1]

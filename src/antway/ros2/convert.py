@@ -177,7 +177,7 @@ class MapReader:
             return grid
 
     def update(self, message: Any) -> Grid | None:
-        """Return the map with the cells in a map_msgs/msg/OccupancyGridUpdate; None if there is no map yet, or a newer one."""
+        """Return the map with the cells of a map_msgs/msg/OccupancyGridUpdate; None without a map, or if that has them."""
         stamp = self._stamp(message)
         if self.info is None:
             self.early = message
@@ -190,8 +190,11 @@ class MapReader:
         height = checks.integer("height", message.height, low=0, high=rows - y, where=where)
         if len(message.data) != width * height:
             raise BadMap("data.length", len(message.data), f"width * height, {width * height}", where=where)
+        window, part = np.s_[y : y + height, x : x + width], np.asarray(message.data).reshape(height, width)
+        if np.array_equal(self.costs[window], part):
+            return None
         costs = self.costs.copy()
-        costs[y : y + height, x : x + width] = np.asarray(message.data).reshape(height, width)
+        costs[window] = part
         grid = read_grid(plain("", info=self.info, data=costs.ravel()), occupied=self.occupied)
         self.stamp, self.costs = stamp, costs
         return grid
