@@ -29,7 +29,7 @@ from antway.kernels.spacetime.memory import (
     Memory,
     keep_earlier,
     leave,
-    note_box,
+    note_boxes,
     open_cell,
     pop,
     push,
@@ -150,18 +150,22 @@ def deposit(memory: Memory, trails: Trails, context: PlanningContext, end: int, 
 
 
 @kernel
-def _legs(memory: Memory, context: PlanningContext, x: float, y: float, leg_cells: int) -> int:
-    """Write the first moves, straight legs from (x, y) to cells up to `leg_cells` cells away; return how many there are."""
+def _legs(memory: Memory, context: PlanningContext, x: float, y: float, leg_cells: int) -> tuple[int, float]:
+    """Write the first moves, straight legs from (x, y) to cells up to `leg_cells` cells away.
+
+    Returns how many there are, and the time to the goal without moving obstacles, s.
+    """
     top, bottom, left, right = block_around(context, x, y, leg_cells)
-    n = 0
+    n, here = 0, math.inf
     for row in range(top, bottom):
         for cell in range(row * context.cols + left, row * context.cols + right):
             if context.field[cell] < math.inf and n < LEGS:
                 memory.leg_cell[n] = cell
                 gx, gy = centre(context, cell)
                 memory.leg_time[n] = math.hypot(gx - x, gy - y) / context.speed
+                here = min(here, memory.leg_time[n] + context.field[cell])
                 n += 1
-    return n
+    return n, here
 
 
 @bare_kernel
@@ -270,6 +274,20 @@ def _promise(memory: Memory) -> float:
     return memory.heap_key[0] if memory.counter[HEAP_SIZE] > 0 else math.inf
 
 
+@inner_kernel
+def _cost(memory: Memory, context: PlanningContext, origin: _Origin, stay: float, s: int) -> tuple[bool, float]:
+    """Tell whether state s is at the goal, where the robot can stay for `stay` s, and return the cost of its path, s.
+
+    A robot that may stand elsewhere until the horizon follows the field from there; without this the cost is infinite.
+    """
+    cell, now, high = memory.cell[s], memory.arrival[s], memory.high[s]
+    if cell < 0:
+        return False, math.inf
+    arrived = cell == context.goal and high >= now + stay
+    done = now if arrived else max(now, origin.horizon) if high >= origin.horizon else math.inf
+    return arrived, done + context.field[cell] + (memory.distance_cost[s] + origin.cost_rate * context.field[cell])
+
+
 @shared_kernel
 def search(
     memory: Memory,
@@ -314,17 +332,13 @@ def search(
     # Empty the memory, write the first moves, and compute the bound without moving obstacles.
     memory.counter[GENERATION] += 1
     memory.counter[1:] = 0
-    legs = _legs(memory, context, x, y, settings.leg_cells)
-    here = math.inf
-    for k in range(legs):
-        here = min(here, memory.leg_time[k] + context.field[memory.leg_cell[k]])
+    legs, here = _legs(memory, context, x, y, settings.leg_cells)
     cost_rate = settings.distance_weight * context.speed
     least = t0 + here + cost_rate * here
     if here == math.inf or least >= limit - settings.minimum_improvement:
         return -1, limit, least
     # Find the intervals in which the robot can stand at its place.
-    for p in range(len(predictions.segments)):
-        note_box(memory, predictions.segments, p)
+    note_boxes(memory, predictions.segments)
     open_cell(memory, -1, x, y, memory.leg_time[:legs].max() * context.speed, t0, horizon, predictions.segments)
     if memory.counter[STATE_COUNT] == 0 or memory.low[0] > t0:
         return -1, math.inf, least
@@ -348,17 +362,11 @@ def search(
         ant += 1
         while memory.counter[EXPANSIONS] < max_expansions:
             below = best_cost - settings.minimum_improvement
-            cell, now = memory.cell[s], memory.arrival[s]
-            # A robot that may stand here until the horizon can follow the field from there.
-            arrived = cell == context.goal and memory.high[s] >= now + settings.stay
-            cost = math.inf
-            if cell >= 0:
-                done = now if arrived else max(now, horizon) if memory.high[s] >= horizon else math.inf
-                cost = done + context.field[cell] + (memory.distance_cost[s] + cost_rate * context.field[cell])
+            arrived, cost = _cost(memory, context, origin, settings.stay, s)
             if cost < below:
                 best, best_cost, below = s, cost, cost - settings.minimum_improvement
                 deposit(memory, trails, context, s, settings.amount / (best_cost - t0))  # Eq. (2)
-            if arrived or now >= horizon:
+            if arrived or memory.arrival[s] >= horizon:
                 memory.key[s] = math.inf
                 break
             then = _step(memory, trails, context, predictions, origin, choices, s, beta, below, state)

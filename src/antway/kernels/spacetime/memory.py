@@ -54,13 +54,14 @@ class Memory(NamedTuple):
 
 
 @bare_kernel
-def note_box(memory: Memory, segments: NDArray[np.float64], p: int) -> None:
-    """Store the bounding box of motion segment p."""
-    x, y, span = segments[p, X], segments[p, Y], segments[p, T1] - segments[p, T0]
-    clearance_radius = segments[p, CLEARANCE_RADIUS]
-    ex, ey = x + segments[p, VX] * span, y + segments[p, VY] * span
-    memory.box[p, 0], memory.box[p, 1] = min(x, ex) - clearance_radius, max(x, ex) + clearance_radius
-    memory.box[p, 2], memory.box[p, 3] = min(y, ey) - clearance_radius, max(y, ey) + clearance_radius
+def note_boxes(memory: Memory, segments: NDArray[np.float64]) -> None:
+    """Store the bounding box of each motion segment."""
+    for p in range(len(segments)):
+        x, y, span = segments[p, X], segments[p, Y], segments[p, T1] - segments[p, T0]
+        clearance_radius = segments[p, CLEARANCE_RADIUS]
+        ex, ey = x + segments[p, VX] * span, y + segments[p, VY] * span
+        memory.box[p, 0], memory.box[p, 1] = min(x, ex) - clearance_radius, max(x, ex) + clearance_radius
+        memory.box[p, 2], memory.box[p, 3] = min(y, ey) - clearance_radius, max(y, ey) + clearance_radius
 
 
 @bare_kernel

@@ -71,19 +71,25 @@ def trace_back(
         t = horizon
         n = _append(out, n, t, out[n - 1, 1], out[n - 1, 2])
     while cell >= 0 and cell != context.goal and t < until and n < len(out):
-        least, move = math.inf, -1
-        for k in range(len(context.offset)):
-            if (context.legal[cell] >> np.uint32(k)) & np.uint32(1):
-                cost = context.step[k, 2] + context.field[cell + context.offset[k]]
-                if cost < least:
-                    least, move = cost, k
+        move = _down_the_field(context, cell)
         if move < 0:
             break
         cell += context.offset[move]
         t += context.step[move, 2]
-        x, y = centre(context, cell)
-        n = _append(out, n, t, x, y)
+        n = _append(out, n, t, *centre(context, cell))
     return n
+
+
+@bare_kernel
+def _down_the_field(context: PlanningContext, cell: int) -> int:
+    """Return the move from `cell` on which the goal is reached soonest without moving obstacles, or -1 if no move is legal."""
+    least, move = math.inf, -1
+    for k in range(len(context.offset)):
+        if (context.legal[cell] >> np.uint32(k)) & np.uint32(1):
+            cost = context.step[k, 2] + context.field[cell + context.offset[k]]
+            if cost < least:
+                least, move = cost, k
+    return move
 
 
 @kernel

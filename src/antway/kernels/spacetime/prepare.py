@@ -125,14 +125,11 @@ def move_field(
     rows, cols = mask.shape
     rim = longest(offsets)  # width of a border of cells that are never improved
     width = cols + 2 * rim
+    inner = (slice(rim, rim + rows), slice(rim, rim + cols))
     field = np.full((rows + 2 * rim, width), -1.0)
     legal = np.zeros((rows + 2 * rim, width), np.uint32)
-    for row in range(rows):
-        for col in range(cols):
-            field[row + rim, col + rim], legal[row + rim, col + rim] = np.inf, mask[row, col]
-    far, may, jump = field.ravel(), legal.ravel(), np.empty(len(offsets), np.int64)
-    for k in range(len(offsets)):
-        jump[k] = offsets[k, 0] * width + offsets[k, 1]
+    field[inner], legal[inner] = np.inf, mask
+    far, may, jump = field.ravel(), legal.ravel(), offsets[:, 0] * width + offsets[:, 1]
     after, before = np.empty(far.size, np.int32), np.empty(far.size, np.int32)
     head = np.full(8, -1, np.int32)
     waiting = 0
@@ -164,7 +161,7 @@ def move_field(
                     waiting -= 1
                 _link(source, new_bucket & 7, head, after, before)
                 waiting += 1
-    return field[rim : rim + rows, rim : rim + cols].copy()
+    return field[inner].copy()
 
 
 @kernel

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_cells
-from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime.prepare import NEVER
 from antway.kernels.spacetime.segments import Segments, earliest_departure, insert_interval, unsafe_stay
@@ -118,9 +118,7 @@ def sipp(
     bound : float
         Lower bound on the arrival of any path, s.
     """
-    blocked, mask, field, offsets, lengths, frame, radius, speed = moving
-    rows, cols = mask.shape
-    x0, y0, cell_size, _ = frame
+    field, frame = moving.field, moving.frame
     predictions = Predictions(segments, 0.0)  # the stopping time is 0, because this robot reaches any speed at once
     if len(ws.cell) <= len(segments) or len(ws.spans) < len(segments):
         return FULL, -1, 0, now
@@ -130,20 +128,9 @@ def sipp(
     if ws.counts[STATES] == 0 or ws.since[0] > now:
         return NO_PATH, -1, 0, np.inf
     ws.arrival[0] = now
-    # From the start, straight legs lead to the centres around it.
-    col_at, row_at = (start[0] - x0) / cell_size, (start[1] - y0) / cell_size
-    row, col = round(row_at), round(col_at)
-    block = 0 if math.hypot(row_at - row, col_at - col) < 1e-9 else 3
-    bound = np.inf
-    for r in range(max(row - block, 0), min(row + block, rows - 1) + 1):
-        for c in range(max(col - block, 0), min(col + block, cols - 1) + 1):
-            if field[r, c] < np.inf and not segment_hits_cells(blocked, row_at, col_at, r, c, radius / cell_size, True):
-                dx, dy = x0 + c * cell_size - start[0], y0 + r * cell_size - start[1]
-                duration = math.hypot(dx, dy) / speed
-                bound = min(bound, now + duration + field[r, c])
-                leg = Move(start[0], start[1], dx, dy, duration, r * cols + c)
-                if not _enter(0, leg, field[r, c], frame, now, predictions, ws):
-                    return FULL, -1, 0, bound
+    fits, bound = _leave_start(moving, start, now, predictions, ws)
+    if not fits:
+        return FULL, -1, 0, bound
     expanded = 0
     while ws.counts[ENTRIES]:
         key, time, i = ws.heap_key[0], ws.heap_time[0], ws.heap_state[0]
@@ -151,31 +138,64 @@ def sipp(
         if time > ws.arrival[i]:
             continue
         bound = max(bound, key - SLACK)
-        row, col = divmod(ws.cell[i], cols)
-        here, (x, y) = field[row, col], _centre(frame, ws.cell[i])
+        here = field[ws.cell[i] // frame.cols, ws.cell[i] % frame.cols]
         if here == 0.0:
             return FOUND, i, expanded, bound
         if ws.done[i] < 0.0:
             if expanded == max_expanded:
                 return BUDGET, -1, expanded, bound
             expanded += 1
-        limit, rest = 2 * ws.todo[i] + SLACK, np.inf  # doubled, so that all moves are made in few rounds
-        for k in range(len(offsets)):
-            if mask[row, col] >> np.uint32(k) & np.uint32(1):
-                r, c = row + offsets[k, 0], col + offsets[k, 1]
-                duration = lengths[k] * cell_size / speed
-                extra = max(duration + field[r, c] - here, 0.0)
-                if extra > limit:
-                    rest = min(rest, extra)
-                elif extra > ws.done[i]:
-                    dx, dy = offsets[k, 1] * cell_size, offsets[k, 0] * cell_size
-                    move = Move(x, y, dx, dy, duration, r * cols + c)
-                    if not _enter(i, move, field[r, c], frame, now, predictions, ws):
-                        return FULL, -1, expanded, bound
-        ws.done[i], ws.todo[i] = limit, rest
-        if rest < np.inf:
-            _push(time + here + rest, time, i, ws)
+        if not _make_moves(i, moving, now, predictions, ws):
+            return FULL, -1, expanded, bound
+        if ws.todo[i] < np.inf:
+            _push(time + here + ws.todo[i], time, i, ws)
     return NO_PATH, -1, expanded, np.inf
+
+
+@bare_kernel
+def _leave_start(
+    moving: Moving, start: tuple[float, float], now: float, predictions: Predictions, ws: Workspace
+) -> tuple[bool, float]:
+    """Go straight from the start to the centres around it; return False if `ws` is full, and a lower bound on the arrival."""
+    field, (x0, y0, size, cols) = moving.field, moving.frame
+    col_at, row_at = (start[0] - x0) / size, (start[1] - y0) / size
+    row, col = round(row_at), round(col_at)
+    block = 0 if math.hypot(row_at - row, col_at - col) < 1e-9 else 3
+    bound = np.inf
+    for r in range(max(row - block, 0), min(row + block, len(field) - 1) + 1):
+        for c in range(max(col - block, 0), min(col + block, cols - 1) + 1):
+            if field[r, c] == np.inf or segment_hits_cells(moving.blocked, row_at, col_at, r, c, moving.radius / size, True):
+                continue
+            dx, dy = x0 + c * size - start[0], y0 + r * size - start[1]
+            duration = math.hypot(dx, dy) / moving.speed
+            bound = min(bound, now + duration + field[r, c])
+            leg = Move(start[0], start[1], dx, dy, duration, r * cols + c)
+            if not _enter(0, leg, field[r, c], moving.frame, now, predictions, ws):
+                return False, bound
+    return True, bound
+
+
+@inner_kernel
+def _make_moves(i: int, moving: Moving, now: float, predictions: Predictions, ws: Workspace) -> bool:
+    """Make the next moves of state i in the order of their extra cost over the field; return False if `ws` is full."""
+    field, frame = moving.field, moving.frame
+    row, col = divmod(ws.cell[i], frame.cols)
+    x, y = _centre(frame, ws.cell[i])
+    limit, rest = 2 * ws.todo[i] + SLACK, np.inf  # doubled, so that all moves are made in few rounds
+    for k in range(len(moving.offsets)):
+        if moving.mask[row, col] >> np.uint32(k) & np.uint32(1):
+            r, c = row + moving.offsets[k, 0], col + moving.offsets[k, 1]
+            duration = moving.lengths[k] * frame.resolution / moving.speed
+            extra = max(duration + field[r, c] - field[row, col], 0.0)
+            if extra > limit:
+                rest = min(rest, extra)
+            elif extra > ws.done[i]:
+                dx, dy = moving.offsets[k, 1] * frame.resolution, moving.offsets[k, 0] * frame.resolution
+                move = Move(x, y, dx, dy, duration, r * frame.cols + c)
+                if not _enter(i, move, field[r, c], frame, now, predictions, ws):
+                    return False
+    ws.done[i], ws.todo[i] = limit, rest
+    return True
 
 
 @bare_kernel
