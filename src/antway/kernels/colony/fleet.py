@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base import rng
-from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.colony.windows import Floats, Ids, schedule
 
 OUT = -1  # route of a stop that is in none
@@ -100,26 +100,18 @@ def objective(fleet: Fleet, r: Routes) -> tuple[float, float]:
 @bare_kernel
 def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
     """Insert `stop` where it costs least (with blinks: a few places are skipped); return False if it is late everywhere."""
-    last_end, second_end, last = 0.0, 0.0, -1
-    for k in range(len(r.sizes)):
-        if r.ends[k] > last_end:
-            last_end, second_end, last = r.ends[k], last_end, k
-        else:
-            second_end = max(second_end, r.ends[k])
     best, route, place = np.inf, -1, -1
     for k in range(len(r.sizes)):
-        others = second_end if k == last else last_end
+        others = last_end(r, k)
         if r.sizes[k] == 2 and k > 0 and r.sizes[k - 1] == 2:
             continue  # all empty routes are equivalent
         for p in range(1, r.sizes[k]):
             before, after = r.stops[k, p - 1], r.stops[k, p]
-            here = max(r.ready[k, p - 1] + fleet.time[before, stop], fleet.opens[stop])
             if r.ready[k, p - 1] > fleet.closes[stop]:
                 break
-            if here > fleet.closes[stop]:
-                continue
+            here = max(r.ready[k, p - 1] + fleet.time[before, stop], fleet.opens[stop])
             then = here + fleet.time[stop, after]
-            if then > r.latest[k, p]:
+            if here > fleet.closes[stop] or then > r.latest[k, p]:
                 continue
             detour = fleet.time[before, stop] + fleet.time[stop, after] - fleet.time[before, after]
             if fleet.worth[stop] == 0.0 and detour >= fleet.price[stop] / fleet.sum_weight - 1e-9:
@@ -139,6 +131,16 @@ def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
     r.route[stop] = route
     refresh(fleet, r, route)
     return True
+
+
+@inner_kernel
+def last_end(r: Routes, k: int) -> float:
+    """Return the latest end of the routes other than k."""
+    latest = 0.0
+    for other in range(len(r.sizes)):
+        if other != k:
+            latest = max(latest, r.ends[other])
+    return latest
 
 
 @bare_kernel

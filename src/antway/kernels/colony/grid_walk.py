@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rng import GAMMA, mix, stream
 from antway.kernels.colony.pheromone import ADAPTIVE, PRINTED, Numbers, best_deposits, persistence
 
@@ -237,6 +237,17 @@ def measure(moves: NDArray[np.uint8], depth: NDArray[np.int32], length: NDArray[
         length[ant] = depth[ant] - diagonal + diagonal * math.sqrt(2.0) if depth[ant] >= 0 else math.inf
 
 
+@bare_kernel
+def local_update(graph: GridGraph, xi: float, pheromone: Pheromone, paths: Paths) -> None:
+    """Do the local update of ACS for all ants of the cycle at once, so that they can walk in parallel."""
+    for ant in range(paths.depth.size):
+        cell = graph.start
+        for i in range(paths.depth[ant]):
+            k = paths.moves[ant, i]
+            pheromone.tau[cell, k] += xi * (pheromone.tau_0 - pheromone.tau[cell, k])
+            cell += graph.offsets[k]
+
+
 @kernel
 def update(
     graph: GridGraph,
@@ -254,20 +265,15 @@ def update(
     `order` ranks the ants by length. `best_path` and `best` are the best so far (empty and infinite if there is none). `t` is
     the number of cycles done, `since` that since the last restart.
     """
-    tau, eta, offsets, start = pheromone.tau, pheromone.eta, graph.offsets, graph.start
+    tau, eta, offsets = pheromone.tau, pheromone.eta, graph.offsets
     moves, depth, length = paths.moves, paths.depth, paths.length
-    if rule.xi > 0.0:  # the local update of ACS, for all ants of the cycle at once, so that they can walk in parallel
-        for ant in range(depth.size):
-            cell = start
-            for i in range(depth[ant]):
-                k = moves[ant, i]
-                tau[cell, k] += rule.xi * (pheromone.tau_0 - tau[cell, k])
-                cell += offsets[k]
+    if rule.xi > 0.0:
+        local_update(graph, rule.xi, pheromone, paths)
     shortest = length[order[0]]
     excess = shortest / best - 1.0 if shortest < math.inf else math.inf
     if rule.best_only:
         rho = persistence(rule.persistence_rule, 1.0, 1.0, t, excess)
-        cell = start
+        cell = graph.start
         for k in best_path:
             tau[cell, k] = rho * tau[cell, k] + max(1.0 - rho, 0.0) * rule.q / best
             cell += offsets[k]

@@ -43,8 +43,14 @@ def one_tree(cost: Floats, price: Floats, near: Floats, link: Ints, degree: Ints
                 longer = cost[node, i] + price[node] + price[i]
                 if longer < near[i]:
                     near[i], link[i] = longer, node
+    return total + _two_edges(cost, price, degree)
+
+
+@bare_kernel
+def _two_edges(cost: Floats, price: Floats, degree: Ints) -> float:
+    """Return the cost of the two cheapest edges of node 0 under `price`, and count them in the degrees."""
     first, second, one, two = np.inf, np.inf, -1, -1
-    for i in range(1, n):
+    for i in range(1, len(cost)):
         away = cost[0, i] + price[0] + price[i]
         if away < first:
             second, two, first, one = first, one, away, i
@@ -53,7 +59,7 @@ def one_tree(cost: Floats, price: Floats, near: Floats, link: Ints, degree: Ints
     degree[0] = 2
     degree[one] += 1
     degree[two] += 1
-    return total + first + second
+    return first + second
 
 
 @kernel
@@ -111,21 +117,12 @@ def best_of_few(cost: Floats, end: int) -> NDArray[np.int32]:
                     if further < least[seen | 1 << j, j]:
                         least[seen | 1 << j, j] = further
                         came[seen | 1 << j, j] = i
-    seen = (1 << m) - 1
-    best, at = np.inf, 0
+    best, last = np.inf, 0
     for i in range(m):
-        whole = least[seen, i] + (cost[i + 1, 0] if end == 0 else 0.0)
+        whole = least[(1 << m) - 1, i] + (cost[i + 1, 0] if end == 0 else 0.0)
         if (end <= 0 or i == end - 1) and whole < best:
-            best, at = whole, i
-    if best == np.inf:
-        return np.empty(0, np.int32)
-    order = np.zeros(n, np.int32)
-    for k in range(m, 0, -1):
-        order[k] = at + 1
-        before = came[seen, at]
-        seen ^= 1 << at
-        at = before
-    return order
+            best, last = whole, i
+    return np.empty(0, np.int32) if best == np.inf else _traced(came, last, 1)
 
 
 @kernel
@@ -170,10 +167,18 @@ def earliest_of_few(away: Floats, windows: Floats, service: Floats, now: float) 
             least, first, at = late[seen, i], home, i
     if at < 0:
         return np.empty(0, np.int32)
-    order = np.empty(m, np.int32)
+    return _traced(came, at, 0)
+
+
+@kernel
+def _traced(came: NDArray[np.int8], last: int, first: int) -> NDArray[np.int32]:
+    """Return the order of all stops that ends with `last`; came[seen, i] is the stop before i among the bits `seen`.
+
+    With `first` = 1 they are numbered from 1 on, and 0 comes before them.
+    """
+    m = came.shape[1]
+    order, seen = np.zeros(first + m, np.int32), (1 << m) - 1
     for k in range(m - 1, -1, -1):
-        order[k] = at
-        before = came[seen, at]
-        seen ^= 1 << at
-        at = before
+        order[first + k] = first + last
+        last, seen = int(came[seen, last]), seen ^ (1 << last)
     return order

@@ -135,21 +135,12 @@ def enter(beam: Beam, c: int) -> bool:
 @kernel
 def keep(beam: Beam, count: int, width: int) -> tuple[int, bool]:
     """Keep the `width` candidates of least keys, in their order; return their number and whether any was dropped."""
-    alive = 0
-    for c in range(count):
-        if beam.c_key[c] < np.inf:
-            alive += 1
+    keys = beam.c_key[:count]
+    keys = keys[keys < np.inf]
     threshold, free = np.inf, width
-    if alive > width:
-        keys = np.empty(alive)
-        at = 0
-        for c in range(count):
-            if beam.c_key[c] < np.inf:
-                keys[at] = beam.c_key[c]
-                at += 1
+    if len(keys) > width:
         threshold = np.partition(keys, width - 1)[width - 1]
-        for key in keys:
-            free -= key < threshold
+        free -= np.sum(keys < threshold)
     at = 0
     for c in range(count):
         key = beam.c_key[c]
@@ -163,7 +154,7 @@ def keep(beam: Beam, count: int, width: int) -> tuple[int, bool]:
         beam.c_cost[at], beam.c_key[at], beam.c_mark[at] = beam.c_cost[c], key, beam.c_mark[c]
         at += 1
     beam.table[:] = -1
-    return at, alive > width
+    return at, len(keys) > width
 
 
 @bare_kernel

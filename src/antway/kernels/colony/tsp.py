@@ -128,6 +128,22 @@ def propose(weight: Weights, row_sum: Floats, near: Ids, left: Weights, i: Index
 
 
 @bare_kernel
+def nearest_left(cities: Cities, left: Weights, i: Index) -> tuple[Index, float]:
+    """Return the nearest city to i that is not visited yet, the one of least number among equals, and its distance."""
+    n = len(left)
+    j, least = np.uint32(0), math.inf
+    for step in range(1, n):  # from i on, so that the next one of many cities in the same place is soon found
+        other = np.uint32(i + step if i + step < n else i + step - n)
+        if left[other] > 0.0:
+            d = distance(cities.metric, i, other)
+            if d < least or (d == least and other < j):
+                j, least = other, d
+                if d == 0.0:
+                    break
+    return j, least
+
+
+@bare_kernel
 def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, order: Ids, left: Weights, sums: Weights) -> float:
     """Build one ant's tour in `order` and return its length.
 
@@ -164,16 +180,8 @@ def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, ord
             if xi > 0.0:
                 local_update(cities, colony, numbers, i, c)
         else:
-            j, least = np.uint32(0), math.inf
-            for step in range(1, n):  # from i on, so that the next one of many cities in the same place is soon found
-                other = np.uint32(i + step if i + step < n else i + step - n)
-                if left[other] > 0.0:
-                    d = distance(cities.metric, i, other)
-                    if d < least or (d == least and other < j):
-                        j, least = other, d
-                        if d == 0.0:
-                            break
-            total += least
+            j, d = nearest_left(cities, left, i)
+            total += d
         order[t], left[j] = j, 0.0
         i = j
     if xi > 0.0:  # the edge that closes the tour counts as taken, too

@@ -146,10 +146,9 @@ def tightened(
                 soonest = min(soonest, opens[i] + time[i, j])
                 if np.isfinite(time[i, j]):
                     last_arrival = max(last_arrival, closes[i] + time[i, j])
-        earliest = max(earliest, soonest)
-        for i in range(n):
             if first[i, j]:
                 earliest = max(earliest, opens[i] + far[i, j])
+        earliest = max(earliest, soonest)
         latest = min(latest, max(earliest, last_arrival))
     if j < n - 1:
         # It goes from j to some stop i, whose window must still be open.
@@ -157,10 +156,9 @@ def tightened(
         for i in range(n):
             if i != j and np.isfinite(time[j, i]):
                 last_departure = max(last_departure, closes[i] - time[j, i])
-        latest = min(latest, last_departure)
-        for i in range(n):
             if first[j, i]:
                 latest = min(latest, closes[i] - far[j, i])
+        latest = min(latest, last_departure)
     return earliest, latest
 
 
@@ -198,7 +196,7 @@ def assignment(cost: Floats) -> tuple[Floats, Floats]:
         at = 0
         least = np.full(n + 1, np.inf)
         used = np.zeros(n + 1, dtype=np.bool_)
-        while True:
+        while at >= 0 and row_of[at] != 0:
             used[at] = True
             row, delta, then = row_of[at], np.inf, -1
             for j in range(1, n + 1):
@@ -208,20 +206,15 @@ def assignment(cost: Floats) -> tuple[Floats, Floats]:
                         least[j], previous[j] = here, at
                     if least[j] < delta:
                         delta, then = least[j], j
-            if then < 0:
-                break
-            for j in range(n + 1):
-                if used[j]:
-                    u[row_of[j]] += delta
-                    v[j] -= delta
-                else:
-                    least[j] -= delta
+            if then >= 0:
+                for j in range(n + 1):
+                    if used[j]:
+                        u[row_of[j]] += delta
+                        v[j] -= delta
+                    else:
+                        least[j] -= delta
             at = then
-            if row_of[at] == 0:
-                break
-        if then < 0:
-            continue
-        while at != 0:
+        while at > 0:
             row_of[at] = row_of[previous[at]]
             at = previous[at]
     return u[1:], v[1:]
@@ -254,14 +247,10 @@ def conflict(far: Floats, opens: Floats, closes: Floats) -> tuple[int, int, int]
                 return i, j, -1
     for i in range(1, last):
         for j in range(i + 1, last):
-            forward, backward = not late(far, opens, closes, i, j, j), not late(far, opens, closes, j, i, i)
             for k in range(j + 1, last):
-                a, b, c = (i, j, k) if forward else (j, i, k)
-                possible = not (late(far, opens, closes, k, a, b) and late(far, opens, closes, a, k, b))
-                possible = possible or not late(far, opens, closes, a, b, c)
-                if not possible and backward and forward:
-                    possible = not (late(far, opens, closes, k, j, i) and late(far, opens, closes, j, k, i))
-                    possible = possible or not late(far, opens, closes, j, i, k)
+                possible = False
+                for a, b, c in ((i, j, k), (j, i, k), (k, i, j), (k, j, i), (i, k, j), (j, k, i)):
+                    possible = possible or not late(far, opens, closes, a, b, c)
                 if not possible:
                     return i, j, k
     return -1, -1, -1
