@@ -11,7 +11,7 @@ from antway import Budget, Grid, Problem, Status, check_plan, solve
 from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.search import hierarchy
-from antway.kernels.search.ch_query import QueryMemory, UpwardGraph, diagonals, meet
+from antway.kernels.search.hierarchy_query import QueryMemory, UpwardGraph, diagonals, meet
 from antway.kernels.search.lengths import FINE_DIAGONAL, FINE_STRAIGHT
 from antway.kernels.search.subgoals import SubgoalMap, corners, seen
 from antway.search import subgoals as module

@@ -57,6 +57,15 @@ def run_straight(lattice: Lattice, label: NDArray[np.float64], cell: int, d: int
 
 
 @bare_kernel
+def _greatest(label: NDArray[np.float64], targets: NDArray[np.int64]) -> float:
+    """Return the greatest label of the targets."""
+    greatest = 0.0
+    for target in targets:
+        greatest = max(greatest, label[target])
+    return greatest
+
+
+@bare_kernel
 def spread(lattice: Lattice, targets: NDArray[np.int64], within: float, memory: Memory, steps: int) -> int:
     """Expand about `steps` cells; return RUNNING, DONE, or FULL if `entries` must be longer.
 
@@ -68,12 +77,7 @@ def spread(lattice: Lattice, targets: NDArray[np.int64], within: float, memory: 
     code = RUNNING
     while code == RUNNING and steps > 0:
         low = band * STRAIGHT
-        unsettled = targets.size == 0
-        for target in targets:
-            if label[target] >= low:
-                unsettled = True
-                break
-        if low > within or not unsettled or opened == 0:
+        if low > within or opened == 0 or (targets.size > 0 and _greatest(label, targets) < low):
             code = DONE
             break
         entry = first[band & (RING - 1)]

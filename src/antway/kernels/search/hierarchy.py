@@ -163,7 +163,7 @@ def contract(m: Memory, steps: int) -> int:
 def upward_graph(m: Memory) -> tuple[Longs, Longs, Ints]:
     """Return the edges of the hierarchy, grouped by node; nodes are numbered by `rank`.
 
-    They are `row_start`, `up` and `parts` of `ch_query.UpwardGraph`.
+    They are `row_start`, `up` and `parts` of `hierarchy_query.UpwardGraph`.
     """
     node = np.argsort(m.rank)
     place = np.full(m.edges.shape[0] + 1, -1, np.int32)  # the last entry is for -1

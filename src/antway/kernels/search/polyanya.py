@@ -120,25 +120,28 @@ def _component(component: Ints, s: int) -> int:
 
 
 @bare_kernel
+def _is_dead_end(m: Memory, polygon: int) -> bool:
+    """Tell whether a polygon without the goal has no portal but the one by which it is entered."""
+    top = m.polygons[polygon, TOP_END] - m.polygons[polygon, TOP]
+    bottom = m.polygons[polygon, BOTTOM_END] - m.polygons[polygon, BOTTOM]
+    return bool(top + bottom <= 1 and polygon != m.ends[GOAL_POLYGON])
+
+
+@bare_kernel
 def search(m: Memory, steps: int) -> tuple[int, int]:
     """Run Polyanya (Cui, Harabor, Grastien, IJCAI 2017) for at most `steps` expansions, or until the node arrays are full.
 
     Returns how the slice ended, and the corner before the goal if FOUND.
     """
-    new = 0
-    if m.counts[NODES] == 0:
+    new = m.counts[NODES]
+    if new == 0:
         for side in range(2):
             for k in range(*_portals_of(m, m.ends[START_POLYGON], side)):
                 _add_whole(m, k, side, START, 0.0)
-    else:
-        new = m.counts[NODES]
     stop = m.counts[EXPANDED] + steps
     while True:
         for n in range(new, m.counts[NODES]):
-            beyond = _polygon_beyond(m, n)
-            exits = m.polygons[beyond, TOP_END] - m.polygons[beyond, TOP]
-            exits += m.polygons[beyond, BOTTOM_END] - m.polygons[beyond, BOTTOM]
-            if exits > 1 or beyond == m.ends[GOAL_POLYGON]:  # no dead end
+            if not _is_dead_end(m, _polygon_beyond(m, n)):
                 m.counts[OPEN] = push(m.heap, m.counts[OPEN], m.cost[n] + _least(m, n), n)
         new = m.counts[NODES]
         if m.counts[OPEN] == 0:

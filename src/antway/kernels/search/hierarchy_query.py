@@ -92,11 +92,7 @@ def meet(graph: UpwardGraph, memory: QueryMemory, size: Longs, ends: Longs) -> t
         expanded += 1
         if label[1 - side, x, 1] == now and g + label[1 - side, x, 0] < best:
             best, top = g + label[1 - side, x, 0], x
-        stalled = False  # stall on demand: a path from above is shorter, so that no shortest path leads up through x
-        for e in range(row_start[x], row_start[x + 1]):
-            to = up[e, 0]
-            stalled |= label[side, to, 1] == now and label[side, to, 0] + up[e, 1] < g
-        if stalled:
+        if _is_stalled(graph, memory, side, x):
             continue
         for e in range(row_start[x], row_start[x + 1]):
             to, g_to = up[e, 0], g + up[e, 1]
@@ -106,6 +102,17 @@ def meet(graph: UpwardGraph, memory: QueryMemory, size: Longs, ends: Longs) -> t
                     label[side, to, 0], label[side, to, 1] = g_to, now
                     came[side, to, 0], came[side, to, 1] = e, x
                     size[side] = push(heaps[side], size[side], key, to)
+
+
+@bare_kernel
+def _is_stalled(graph: UpwardGraph, memory: QueryMemory, side: int, x: int) -> bool:
+    """Tell whether a path to node x from above is shorter than its label, so that no shortest path leads up through x."""
+    label, up, now = memory.label, graph.up, memory.state[0]
+    stalled = False
+    for e in range(graph.row_start[x], graph.row_start[x + 1]):
+        to = up[e, 0]
+        stalled |= label[side, to, 1] == now and label[side, to, 0] + up[e, 1] < label[side, x, 0]
+    return bool(stalled)
 
 
 @bare_kernel
