@@ -17,8 +17,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Grid, Moves, Status
-from antway.kernels.spacetime.prepare import timeline_segments
-from antway.kernels.spacetime.segments import unsafe_departures, unsafe_stay
+from antway.kernels.spacetime.segments import timeline_segments, unsafe_departures, unsafe_stay
 from antway.search.sipp import Sipp
 from antway.world.timeline import Timeline
 from naive.sipp import gaps as safe_intervals

@@ -19,8 +19,9 @@ from antway.errors import BadParameter, CellBlocked
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.base import records
 from antway.kernels.base.geometry import segment_hits_cells
-from antway.kernels.spacetime import prepare as timed
 from antway.kernels.spacetime import sipp as kernels
+from antway.kernels.spacetime.moves import move_field, move_mask
+from antway.kernels.spacetime.segments import timeline_segments
 from antway.planning import Status, TimedPath
 
 TIMED_MOVES = (Moves.FOUR, Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO)
@@ -120,7 +121,7 @@ def timed_moves(
     stride = checks.integer("stride", stride, low=1, high=100)
     corner = checks.sequence("first", first, "a cell (row, col)", size=2)
     row, col = (checks.integer("first", one, low=0, high=min(stride, side) - 1) for one, side in zip(corner, grid.shape))
-    return timed.move_mask(grid.blocked, moves.offsets, radius / grid.resolution, stride, row, col)
+    return move_mask(grid.blocked, moves.offsets, radius / grid.resolution, stride, row, col)
 
 
 def timed_field(mask: NDArray[np.uint32], moves: Moves, goals: ArrayLike, scale: float = 1.0) -> NDArray[np.float64]:
@@ -160,7 +161,7 @@ def timed_field(mask: NDArray[np.uint32], moves: Moves, goals: ArrayLike, scale:
     if (cells < 0).any() or (cells >= mask.shape).any():
         raise BadParameter("goals", goals, f"cells of the mask, {mask.shape[0]} x {mask.shape[1]}")
     scale = checks.number("scale", scale, low=0.0, open_low=True)
-    return timed.move_field(mask, moves.offsets, moves.lengths, cells.astype(np.int64)) * scale
+    return move_field(mask, moves.offsets, moves.lengths, cells.astype(np.int64)) * scale
 
 
 class Sipp:
@@ -255,7 +256,7 @@ class Sipp:
         horizon = checks.number("horizon", horizon, low=t, infinite=True, unit="s")
         segments = NO_SEGMENTS
         if obstacles is not None:
-            segments = timed.timeline_segments(checked_trajectories(obstacles), self.radius, t, horizon)
+            segments = timeline_segments(checked_trajectories(obstacles), self.radius, t, horizon)
         return self.search(start, t, segments, max_expanded)
 
     def search(

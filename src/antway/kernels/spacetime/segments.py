@@ -14,10 +14,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import bare_kernel, inner_kernel
-from antway.kernels.base.records import CLEARANCE_RADIUS, CONTACT_RADIUS, T0, T1, VX, VY, Predictions, X, Y
+from antway.kernels.base.geometry import timeline_at
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
+from antway.kernels.base.records import CLEARANCE_RADIUS, CONTACT_RADIUS, T0, T1, VX, VY, Predictions, Trajectories, X, Y
 
 TOUCH = 1e-9
+NEVER = 1e9  # s; stands for infinity where a time must be finite
 Segments = NDArray[np.float64]  # [P, 8]
 
 
@@ -134,3 +136,22 @@ def earliest_departure(
         clear = clear + 1 if later == s else 1
         s, p = later, p + 1 if p + 1 < len(predictions.segments) else 0
     return s if s <= limit else math.inf
+
+
+@kernel
+def timeline_segments(trajectories: Trajectories, robot_radius: float, start: float, horizon: float) -> Segments:
+    """Return the motion segments of K discs between `start` and `horizon` s."""
+    knot_t, first, radius = trajectories.knot_t, trajectories.first, trajectories.radius
+    segments = np.empty((len(knot_t) + len(radius), 8))
+    n = 0
+    for k in range(len(radius)):
+        low, high = first[k], first[k + 1]
+        for i in range(low, high + 1):  # the segment that ends at knot i
+            t0 = start if i == low else max(start, knot_t[i - 1])
+            t1 = min(horizon, 2 * NEVER if i == high else knot_t[i])
+            if t0 < t1:
+                x, y, vx, vy = timeline_at(t0, trajectories, k)
+                contact_radius = robot_radius + radius[k]
+                segments[n] = (t0, t1, x, y, vx, vy, contact_radius, contact_radius)
+                n += 1
+    return segments[:n]

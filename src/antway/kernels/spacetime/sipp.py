@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import Predictions
-from antway.kernels.spacetime.prepare import NEVER
-from antway.kernels.spacetime.segments import Segments, earliest_departure, insert_interval, unsafe_stay
+from antway.kernels.spacetime.segments import NEVER, Segments, earliest_departure, insert_interval, unsafe_stay
 
 FOUND, NO_PATH, BUDGET, FULL = 0, 1, 2, 3
 QUERY, STATES, ENTRIES = range(3)  # indices of `Workspace.counts`: number of the query, and of its states and heap entries

@@ -14,7 +14,7 @@ from antway.kernels.base.jit import call
 from antway.kernels.robot.brake import fits_near
 from antway.kernels.robot.sweep import Body
 from antway.kernels.spacetime.context import PlanningContext
-from antway.kernels.spacetime.prepare import move_mask
+from antway.kernels.spacetime.moves import move_mask
 from antway.planning import standing_cell
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.line_of_sight import nearest_free

@@ -1,4 +1,4 @@
-"""Preparation of a search in space and time: legal moves of a disc, the exact field over them, and motion segments."""
+"""Legal moves of a disc between the nodes of a map, and the exact field over these moves."""
 
 from __future__ import annotations
 
@@ -7,12 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import segment_hits_square, timeline_at
+from antway.kernels.base.geometry import segment_hits_square
 from antway.kernels.base.jit import kernel
-from antway.kernels.base.records import Trajectories
-from antway.kernels.spacetime.segments import Segments
-
-NEVER = 1e9  # s; stands for infinity where a time must be finite
 
 
 @kernel
@@ -125,11 +121,14 @@ def move_field(
     rows, cols = mask.shape
     rim = longest(offsets)  # width of a border of cells that are never improved
     width = cols + 2 * rim
-    inner = (slice(rim, rim + rows), slice(rim, rim + cols))
     field = np.full((rows + 2 * rim, width), -1.0)
     legal = np.zeros((rows + 2 * rim, width), np.uint32)
-    field[inner], legal[inner] = np.inf, mask
-    far, may, jump = field.ravel(), legal.ravel(), offsets[:, 0] * width + offsets[:, 1]
+    for row in range(rows):
+        for col in range(cols):
+            field[row + rim, col + rim], legal[row + rim, col + rim] = np.inf, mask[row, col]
+    far, may, jump = field.ravel(), legal.ravel(), np.empty(len(offsets), np.int64)
+    for k in range(len(offsets)):
+        jump[k] = offsets[k, 0] * width + offsets[k, 1]
     after, before = np.empty(far.size, np.int32), np.empty(far.size, np.int32)
     head = np.full(8, -1, np.int32)
     waiting = 0
@@ -161,7 +160,7 @@ def move_field(
                     waiting -= 1
                 _link(source, new_bucket & 7, head, after, before)
                 waiting += 1
-    return field[inner].copy()
+    return field[rim : rim + rows, rim : rim + cols].copy()
 
 
 @kernel
@@ -183,22 +182,3 @@ def _unlink(cell: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.i
         head[bucket] = after[cell]
     if after[cell] >= 0:
         before[after[cell]] = before[cell]
-
-
-@kernel
-def timeline_segments(trajectories: Trajectories, robot_radius: float, start: float, horizon: float) -> Segments:
-    """Return the motion segments (see `segments.py`) of K discs between `start` and `horizon` s."""
-    knot_t, first, radius = trajectories.knot_t, trajectories.first, trajectories.radius
-    segments = np.empty((len(knot_t) + len(radius), 8))
-    n = 0
-    for k in range(len(radius)):
-        low, high = first[k], first[k + 1]
-        for i in range(low, high + 1):  # the segment that ends at knot i
-            t0 = start if i == low else max(start, knot_t[i - 1])
-            t1 = min(horizon, 2 * NEVER if i == high else knot_t[i])
-            if t0 < t1:
-                x, y, vx, vy = timeline_at(t0, trajectories, k)
-                contact_radius = robot_radius + radius[k]
-                segments[n] = (t0, t1, x, y, vx, vy, contact_radius, contact_radius)
-                n += 1
-    return segments[:n]
