@@ -11,13 +11,12 @@ import os
 import sys
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from antway import commands
 from antway.console import (
-    MOVES,
     Json,
     MapFile,
     MovesName,
@@ -38,16 +37,11 @@ from antway.console import (
     say,
     scene_argument,
     status_of,
-    status_of_search,
     working,
 )
 from antway.errors import BadParameter
 from antway.tables import PLANNERS, POLICIES, ROBOTS, SHIPPED_SCENES, SUITES, WARM, names
 from antway.writing import VIEWS, writing
-
-if TYPE_CHECKING:
-    from antway.grid import Grid
-    from antway.planning import Plan
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -115,7 +109,7 @@ def plan_command(
 
     Exit status: 3 if there is no path, 4 if time ran out.
     """
-    from antway import Moves, Problem, Status, check_plan, checks, load_map, solve
+    from antway import Moves, Problem, check_plan, checks, load_map, solve
     from antway.planning import standing_cell
 
     ends = {name: pair(name, text, int if cells else float) for name, text in (("start", start), ("goal", goal))}
@@ -149,35 +143,7 @@ def plan_command(
         check_plan(problem, path)
     if smooth and spec is not None and len(path.cells):
         return commands.smooth_plan(path, grid, spec, seed, out, json)
-    if out is not None:
-        from antway.view import figures
-
-        title = {Status.FOUND: "Plan", Status.NO_PATH: "No path", Status.BUDGET: "Out of budget"}[path.status]
-        with working("drawing"):
-            drawn = figures.plan_figure(grid, path, title=title, ends=(grid.centre(source), grid.centre(target)))
-            figures.save(drawn, out)
-    if json:
-        print_json(_plan_record(path, grid, planner))
-    elif len(path.cells):
-        kind = "at any angle" if path.points is not None else MOVES[moves]
-        proof = f"the shortest {kind}" if path.optimal else f"at most {100 * path.gap:.1f} % over the shortest {kind}"
-        print(f"{path.length:.3f} m, {proof}; {len(path.cells)} cell{'' if len(path.cells) == 1 else 's'}")
-    else:
-        print("no path" if path.status is Status.NO_PATH else "no path found within the time limit")
-    if out is not None and not json:
-        print(f"drawn in {out}")
-    return status_of_search(path.status)
-
-
-def _plan_record(path: Plan, grid: Grid, planner: str) -> dict[str, Any]:
-    """Return a plan as JSON values: lengths in m, cells as (row, column), and the same path as (x, y) in m."""
-    return {
-        "status": path.status.value,
-        "planner": planner,
-        **{name: getattr(path, name) for name in ("length", "optimal", "lower_bound", "expanded", "elapsed")},
-        "cells": path.cells.tolist(),
-        "xy": path.xy(grid).tolist(),
-    }
+    return commands.print_plan(path, grid, problem, planner, out, json)
 
 
 def _interpret_if_small(cells: int, planner: str) -> None:

@@ -1,4 +1,4 @@
-"""The longer commands: tours, fronts, smoothing, comparisons; each imports what it needs when it runs."""
+"""The longer commands: tours, plans, fronts, smoothing, comparisons; each imports what it needs when it runs."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from antway.console import (
+    MOVES,
     NO_PATH,
     OUT_OF_BUDGET,
     Json,
@@ -208,6 +209,32 @@ def tsp_command(
     if out is not None:
         print(f"drawn in {out}")
     return 0
+
+
+def print_plan(path: Plan, grid: Grid, problem: Problem, planner: str, out: Path | None, json: bool) -> int:
+    """Print and draw a plan; see `antway plan`. JSON has lengths in m, cells as (row, column), and the path as (x, y) in m."""
+    from antway import Status
+
+    if out is not None:
+        from antway.view import figures
+
+        title = {Status.FOUND: "Plan", Status.NO_PATH: "No path", Status.BUDGET: "Out of budget"}[path.status]
+        ends = grid.centre(problem.start), grid.centre(problem.goal)
+        with working("drawing"):
+            figures.save(figures.plan_figure(grid, path, title=title, ends=ends), out)
+    if json:
+        record = {"status": path.status.value, "planner": planner}
+        record |= {name: getattr(path, name) for name in ("length", "optimal", "lower_bound", "expanded", "elapsed")}
+        print_json({**record, "cells": path.cells.tolist(), "xy": path.xy(grid).tolist()})
+    elif len(path.cells):
+        kind = "at any angle" if path.points is not None else MOVES[problem.moves.value]
+        proof = f"the shortest {kind}" if path.optimal else f"at most {100 * path.gap:.1f} % over the shortest {kind}"
+        print(f"{path.length:.3f} m, {proof}; {len(path.cells)} cell{'' if len(path.cells) == 1 else 's'}")
+    else:
+        print("no path" if path.status is Status.NO_PATH else "no path found within the time limit")
+    if out is not None and not json:
+        print(f"drawn in {out}")
+    return status_of_search(path.status)
 
 
 def plan_front(
