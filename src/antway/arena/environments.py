@@ -145,10 +145,27 @@ def read_tracks(file: str) -> NDArray[np.float64]:
     ------
     BadScenario, TooLarge
     """
+    comma = Path(file).suffix.lower() == ".csv"
+    table = _read_table(file, comma)
+    table = table[np.lexsort((table[:, 0], table[:, 1]))]
+    steps, same = np.diff(table[:, 0]), np.diff(table[:, 1]) == 0
+    if (same & (steps <= 0)).any():
+        row = table[int(np.argmax(same & (steps <= 0)))]
+        raise BadScenario("tracks", row[:2].tolist(), "of one place for each time and id", where=file)
+    if not comma and same.any():
+        found, times = np.unique(steps[same], return_counts=True)
+        table[:, 0] *= 0.4 / found[np.argmax(times)]
+    table[:, 0] -= table[:, 0].min()
+    if np.abs(table[:, 2:]).max() > MAX_ORIGIN / 2:  # such as UTM coordinates, which are too far from 0 for an episode
+        table[:, 2:] -= table[:, 2:].min(axis=0)
+    return table
+
+
+def _read_table(file: str, comma: bool) -> NDArray[np.float64]:
+    """Return the rows (time or frame, id, x, y) of a track file, in the order of the file; `comma`: it is CSV."""
     path = Path(file)
     if not isfile(path):
         raise BadScenario("tracks", file, "an existing regular file")
-    comma = path.suffix.lower() == ".csv"
     allowed = "the columns frame, id, x, z, y, vx, vz, vy of an obsmat.txt, or frame, id, x, y"
     if comma:
         allowed = "CSV lines t,id,x,y, or with a heading that names these columns"
@@ -178,19 +195,7 @@ def read_tracks(file: str) -> NDArray[np.float64]:
     if not sound.all():
         row = int(np.argmin(sound))
         raise BadScenario(f"tracks, row {row + 1}", table[row].tolist(), "finite numbers, up to 1e10", where=file)
-    table = table[:, (0, 1, 2, y[table.shape[1]])]
-    table = table[np.lexsort((table[:, 0], table[:, 1]))]
-    steps, same = np.diff(table[:, 0]), np.diff(table[:, 1]) == 0
-    if (same & (steps <= 0)).any():
-        row = table[int(np.argmax(same & (steps <= 0)))]
-        raise BadScenario("tracks", row[:2].tolist(), "of one place for each time and id", where=file)
-    if not comma and same.any():
-        found, times = np.unique(steps[same], return_counts=True)
-        table[:, 0] *= 0.4 / found[np.argmax(times)]
-    table[:, 0] -= table[:, 0].min()
-    if np.abs(table[:, 2:]).max() > MAX_ORIGIN / 2:  # such as UTM coordinates, which are too far from 0 for an episode
-        table[:, 2:] -= table[:, 2:].min(axis=0)
-    return table
+    return table[:, (0, 1, 2, y[table.shape[1]])]
 
 
 def _names(heading: str) -> list[str]:
