@@ -171,15 +171,26 @@ def _glide(state: State, asked: Floats, spec: RobotSpec, h: Floats) -> State:
 
 def dynamic_faults(trace: Trace) -> Iterator[str]:
     """Yield where the trace does not follow limits and commands, and where the robot passes through something."""
-    spec = trace.task.robot
-    wheels = spec.drive != "holonomic"
     times, states, speeds = driven(trace)
     if np.hypot(*(states[:, -1, :2] - trace.xy[1:]).T).max(initial=0.0) > 5 * _NEAR:
         yield "a place is not where its command leads"
+    wheels = trace.task.robot.drive != "holonomic"
     turned = np.abs(angle(states[:, -1, 2] - trace.heading[1:])) > 5 * _NEAR if wheels else not_along(trace)
     if turned.any():
         yield "a heading is not where its command turns it"
-    recorded = trace.velocity
+    yield from _speed_faults(trace, speeds)
+    gap = dynamic_gaps(trace, times, states)
+    for k in np.flatnonzero(gap.min(axis=0, initial=math.inf) < -_SLACK).tolist():
+        yield f"passes through obstacle {trace.timeline.id[k]} in step {int(np.argmin(gap[:, k]))}"
+    depth = [wall_depth(trace, states[i]) for i in range(len(states))]
+    if depth and min(depth) < -_SLACK:
+        yield f"passes through a wall in step {depth.index(min(depth))}"
+
+
+def _speed_faults(trace: Trace, speeds: Floats) -> Iterator[str]:
+    """Yield where recorded velocities exceed a limit, or are not the `speeds` to which the commands lead."""
+    spec, recorded = trace.task.robot, trace.velocity
+    wheels = spec.drive != "holonomic"
     if wheels:
         ahead = np.column_stack((np.cos(trace.heading), np.sin(trace.heading)))
         if np.abs(recorded[:, 0] * ahead[:, 1] - recorded[:, 1] * ahead[:, 0]).max() > _NEAR:
@@ -197,12 +208,6 @@ def dynamic_faults(trace: Trace) -> Iterator[str]:
     slack = _NEAR + finest * np.array([_finite(change), _finite(spec.alpha_max if wheels else change)])
     if (np.abs(speeds - recorded[1:]) > slack).any():
         yield "a speed is not what its command leads to"
-    gap = dynamic_gaps(trace, times, states)
-    for k in np.flatnonzero(gap.min(axis=0, initial=math.inf) < -_SLACK).tolist():
-        yield f"passes through obstacle {trace.timeline.id[k]} in step {int(np.argmin(gap[:, k]))}"
-    depth = [wall_depth(trace, states[i]) for i in range(len(states))]
-    if depth and min(depth) < -_SLACK:
-        yield f"passes through a wall in step {depth.index(min(depth))}"
 
 
 def _finite(limit: float) -> float:
