@@ -155,8 +155,8 @@ class View:
             "speed": short(math.hypot(*stage.velocity[n])),
             "braking": [short(path), short(math.atan2(stage.velocity[n, 1], stage.velocity[n, 0])), short(stand)],
             "obstacles": [
-                [short(v) for v in (*context, *velocity)] + [int(seen)]
-                for context, velocity, seen in zip(places, velocities, sensed)
+                [short(v) for v in (*place, *velocity)] + [int(seen)]
+                for place, velocity, seen in zip(places, velocities, sensed)
             ],
             "tubes": self._tubes(moment.seen, float(stage.t[n])),
             "from": start,

@@ -40,12 +40,9 @@ def _upload(files: object) -> object:
 
 def _export(what: str, scenario: Any, policy: str) -> object:
     from antway.web.files import exported
-    from antway.world.episode import Episode
+    from antway.world.episode import run
 
-    episode = Episode(scenario, policy)
-    while episode.outcome is None:
-        episode.step()
-    trace = episode.result().trace
+    trace = run(scenario, policy).trace
     assert trace is not None
     return exported(what, trace)
 

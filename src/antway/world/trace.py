@@ -75,7 +75,7 @@ class Trace:
     reason : str
         One sentence about the outcome.
     config : mapping
-        How the episode was set up, as JSON values: version, policy options, sensor, horizon.
+        How the episode was set up, as JSON values: version, sensor, horizon.
     turn_rate : float64[N + 1]
         Of wheels, rad/s.
     rounds : Rounds or None
