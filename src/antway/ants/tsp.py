@@ -21,7 +21,7 @@ from antway.ants.tsplib import Tsp as Tsp
 from antway.ants.tsplib import load_tsp as load_tsp
 from antway.errors import BadParameter
 from antway.kernels.colony.tsp import LocalSearchOptions
-from antway.planning import Budget
+from antway.planning import Budget, Clock
 
 # The local searches: candidates tried for the third edge, and cities in the part that a move displaces (None: all).
 _SEARCHES: dict[str, tuple[int, int | None]] = {"2opt": (0, 0), "oropt": (5, 3), "3opt": (5, None)}
@@ -176,24 +176,9 @@ def solve_tsp(
         none = np.empty((n, 0))
         return Tour(order, length, np.empty((0, 3)), none, none.astype(np.int32), 0, clock.elapsed(), length)
     colony = Colony(instance, chosen, seed=seed, candidates=candidates, pheromone=pheromone, options=options, immune=immune)
-    per_cycle = colony.tours
-    limits = [count for count in (cycles, None if tours is None else -(-tours // per_cycle)) if count is not None]
+    limits = [count for count in (cycles, None if tours is None else -(-tours // colony.tours)) if count is not None]
     limit = min(limits, default=1000 if seconds is None else 2**62)
-    target = instance.optimum or 0.0
-    history: list[tuple[float, float, float]] = []
-    batch = 1
-    with nullcontext() if threads == 1 else ThreadPoolExecutor(threads) as pool:
-        while colony.cycle < limit and not (colony.cycle and (clock.spent() or colony.best_cost <= target)):
-            batch = min(batch, limit - colony.cycle)
-            slack = np.empty((batch, 2))
-            started = time.perf_counter()
-            noted = colony.run(batch, slack, target, pool, threads)
-            elapsed = clock.elapsed()
-            history += [(cycle * per_cycle, best, elapsed) for cycle, best in slack[:noted].tolist()]
-            if progress is not None:
-                progress(colony.cycle * per_cycle, colony.best_cost, elapsed)
-            # At most twice as many, so that an unusually slow or fast first cycle does not matter much.
-            batch = max(1, min(2 * batch, 4096, int(batch * _SLICE / max(time.perf_counter() - started, 1e-9))))
+    history = _run(colony, clock, limit, instance.optimum or 0.0, threads, progress)
     order = colony.best
     return Tour(
         order,
@@ -201,10 +186,39 @@ def solve_tsp(
         np.array(history, dtype=np.float64).reshape(-1, 3),
         colony.pheromone,
         colony.candidates,
-        colony.cycle * per_cycle,
+        colony.cycle * colony.tours,
         clock.elapsed(),
         instance.optimum,
     )
+
+
+def _run(
+    colony: Colony,
+    clock: Clock,
+    limit: int,
+    target: float,
+    threads: int,
+    progress: Callable[[int, float, float], object] | None,
+) -> list[tuple[float, float, float]]:
+    """Run the colony for `limit` cycles, until the clock is spent or a tour is at most `target` long.
+
+    Returns (tours made, best length, seconds) at each improvement. Cycles are run in batches of about `_SLICE` s.
+    """
+    history: list[tuple[float, float, float]] = []
+    batch = 1
+    with nullcontext() if threads == 1 else ThreadPoolExecutor(threads) as pool:
+        while colony.cycle < limit and not (colony.cycle and (clock.spent() or colony.best_cost <= target)):
+            batch = min(batch, limit - colony.cycle)
+            rows = np.empty((batch, 2))
+            started = time.perf_counter()
+            noted = colony.run(batch, rows, target, pool, threads)
+            elapsed = clock.elapsed()
+            history += [(cycle * colony.tours, best, elapsed) for cycle, best in rows[:noted].tolist()]
+            if progress is not None:
+                progress(colony.cycle * colony.tours, colony.best_cost, elapsed)
+            # At most twice as many, so that an unusually slow or fast first cycle does not matter much.
+            batch = max(1, min(2 * batch, 4096, int(batch * _SLICE / max(time.perf_counter() - started, 1e-9))))
+    return history
 
 
 def local_search_options(
