@@ -29,10 +29,10 @@ from antway.kernels.robot.guard import (
 )
 from antway.kernels.robot.passing import fallback, first_certified, passed_command, passes
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
-from antway.kernels.robot.sweep import Body, Walls
+from antway.kernels.robot.sweep import Walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
 from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks, as_policy, commanded
-from antway.world.terrain import terrain_of, walls_of
+from antway.world.terrain import body_of, terrain_of, walls_of
 
 _EARLY = 1e-6  # s; a stamp that is ahead by less is now
 _NEWER = 0.05  # s; a scan that is newer than the robot's place by more is not used
@@ -268,9 +268,8 @@ class _Dynamic:
         robot = self.robot = task.robot
         self.strict, self.swerve = mode == "strict", assumed_swerve(task, mode)
         self.late = math.ceil(robot.latency / robot.dt - 1e-9)  # number of commands that do not act yet
-        body = Body(robot.corners, robot.rounding, robot.radius, np.zeros((1, 2)))
         self.rows, near, self.keep = np.empty((_TRACKS, COLUMNS)), np.empty((_TRACKS, COLUMNS)), np.array([0.0, 0.0, -1.0])
-        self.record = Robot(robot.limits, body, walls_of(task.grid), robot.dt, _MARGIN, self.strict, near, self.keep)
+        self.record = Robot(robot.limits, body_of(robot), walls_of(task.grid), robot.dt, _MARGIN, self.strict, near, self.keep)
         self._passed_command = entry(passed_command, _AT_REST, 0.0, 0.0, self.rows[:0], self.record, 0.0)
         self.sent = np.zeros((self.late, 2))
         if before is not None:  # the stop that is certified, and the commands that do not act yet

@@ -14,7 +14,6 @@ from antway.kernels.base.jit import call
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, Record, advance
 from antway.kernels.robot.cycle import play
 from antway.kernels.robot.motion import REST
-from antway.kernels.robot.sweep import Body
 from antway.world.entries import Entries
 from antway.world.policy import Command, Decision, Observation
 from antway.world.pursuit import Pursuit
@@ -22,7 +21,7 @@ from antway.world.robots import body_gap
 from antway.world.scenario import MAX_STEPS, Scenario
 from antway.world.sensor import Scanner
 from antway.world.stops import Rounds
-from antway.world.terrain import terrain_of, walls_of
+from antway.world.terrain import body_of, terrain_of, walls_of
 from antway.world.trace import Outcome, Trace
 
 
@@ -68,8 +67,7 @@ class Stage:
             self.terrain = terrain_of(task.grid)
         else:
             self.late = math.ceil(spec.latency / spec.dt - 1e-9)
-            self.body = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2)))
-            self.walls = walls_of(task.grid)
+            self.body, self.walls = body_of(spec), walls_of(task.grid)
 
     def _check_start(self) -> None:
         """Refuse an obstacle that touches the robot at the start."""

@@ -1,10 +1,13 @@
-"""A grid as kernels take it."""
+"""A grid, and the shape of a robot, as kernels take them."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from antway.grid import Grid
 from antway.kernels.base.records import Terrain
-from antway.kernels.robot.sweep import Walls
+from antway.kernels.robot.sweep import Body, Walls
+from antway.world.robots import RobotSpec
 
 _KEPT, _KEPT_CELLS = 8, 2**21  # grids kept in `_cache`, and the most cells of them together
 _cache: list[tuple[Grid, Walls]] = []  # the grids used last; many episodes share one
@@ -27,3 +30,8 @@ def walls_of(grid: Grid) -> Walls:
     while len(_cache) > 1 and sum(known.blocked.size for known, _ in _cache) > _KEPT_CELLS:
         del _cache[0]
     return walls
+
+
+def body_of(robot: RobotSpec) -> Body:
+    """Return the shape of a robot."""
+    return Body(robot.corners, robot.rounding, robot.radius, np.zeros((1, 2)))

@@ -12,14 +12,13 @@ from antway.errors import CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.jit import call
 from antway.kernels.robot.brake import fits_near
-from antway.kernels.robot.sweep import Body
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.moves import move_mask
 from antway.planning import standing_cell
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.line_of_sight import nearest_free
 from antway.world.policy import XY, RobotSpec, Task
-from antway.world.terrain import terrain_of, walls_of
+from antway.world.terrain import body_of, terrain_of, walls_of
 
 _HERE = np.zeros((1, 2), np.int32)  # a single move of length 0; read-only like all moves, so that the kernel is compiled once
 _HERE.flags.writeable = False
@@ -78,10 +77,9 @@ def planning_context(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, C
     """
     grid, robot = task.grid, task.robot
     ends = {"start": task.start, "goal": task.goal}
-    if robot.footprint is not None:
-        body = Body(robot.corners, robot.rounding, robot.radius, np.zeros((1, 2)))
-        if not call(fits_near, *task.goal, task.goal_tolerance, body, walls_of(grid)):
-            raise CellBlocked("goal", task.goal, "where the robot's footprint fits between the walls in some heading")
+    body = body_of(robot)
+    if robot.footprint is not None and not call(fits_near, *task.goal, task.goal_tolerance, body, walls_of(grid)):
+        raise CellBlocked("goal", task.goal, "where the robot's footprint fits between the walls in some heading")
     widest = None
     narrowest = max(robot.inscribed, _LEAST_RADIUS * robot.radius)
     for radius in dict.fromkeys(np.linspace(robot.radius, narrowest, _RADII).tolist()):
