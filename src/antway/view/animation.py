@@ -22,6 +22,7 @@ from antway.world.trace import Trace
 from antway.writing import writing
 
 SUPER = 2  # factor by which frames are drawn larger and then reduced, to smooth edges
+LONGEST = 12.0  # s; longer episodes are shown faster
 CAPTION = 34  # px; height of the caption under the map
 LEGEND = 24  # px; height of a line of the legend
 GAP = 4  # px; gap between episodes side by side
@@ -38,9 +39,8 @@ def write_animation(
     shortest: Plan | None = None,
     width: int = 480,
     frames: int = 100,
-    seconds: float = 12.0,
 ) -> Path:
-    """Write `trace` as an animation of at most `frames` frames and at most `seconds` s; return its path.
+    """Write `trace` as an animation of at most `frames` frames and at most 12 s; return its path.
 
     Episodes `beside` it, of the same scene, are shown to its right at the same times, each `width` pixels wide.
 
@@ -52,7 +52,7 @@ def write_animation(
     traces = (trace, *beside)
     longest = max(traces, key=lambda one: float(one.t[-1]))
     times = longest.t[np.unique(np.linspace(0, len(longest), frames).round().astype(int))]
-    pause = min(seconds, float(times[-1])) / len(times)
+    pause = min(LONGEST, float(times[-1])) / len(times)
     pictures = _frames(traces, times, shortest, width)
     with writing("out", path) as file:
         if file.suffix.lower() == ".gif":

@@ -162,7 +162,7 @@ def success_figure(table: Sequence[Summary]) -> Figure:
 
 
 @style.styled
-def time_ratio_figure(rows: Sequence[Row], *, title: str = "Time over the clairvoyant optimum") -> Figure:
+def time_ratio_figure(rows: Sequence[Row]) -> Figure:
     """Draw for each policy the share of all episodes that reached the goal within a multiple of the clairvoyant optimum.
 
     Parameters
@@ -184,7 +184,8 @@ def time_ratio_figure(rows: Sequence[Row], *, title: str = "Time over the clairv
         most = max(most, float(np.percentile(ratio, 98)) if len(ratio) else 1.0)
         x, y = np.concatenate(([0.0], ratio, [1e9])), np.concatenate(([0.0], share, share[-1:] if len(share) else [0.0]))
         axes.step(x, y, where="post", color=colour, linestyle=dash, linewidth=1.8, label=policy)
-    axes.set(xlabel="time / optimum", ylabel="episodes (%)", title=title, xlim=(0.95, 1.05 * most + 0.05), ylim=(-3, 103))
+    axes.set(xlabel="time / optimum", ylabel="episodes (%)", title="Time over the clairvoyant optimum")
+    axes.set(xlim=(0.95, 1.05 * most + 0.05), ylim=(-3, 103))
     style.graph(axes, below=True)
     style.legend_below(axes)
     return fig

@@ -20,7 +20,7 @@ _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))
 
 
 @style.styled
-def pheromone_over_time_figure(grid: Grid, found: Mapping[int, Exploration], *, title: str = "Pheromone over time") -> Figure:
+def pheromone_over_time_figure(grid: Grid, found: Mapping[int, Exploration]) -> Figure:
     """Draw pheromone and best path after several numbers of cycles, side by side.
 
     Parameters
@@ -49,17 +49,12 @@ def pheromone_over_time_figure(grid: Grid, found: Mapping[int, Exploration], *, 
         if axes is not row[0]:
             axes.set_ylabel("")
     style.legend_below(row[-1])
-    fig.suptitle(title)
+    fig.suptitle("Pheromone over time")
     return fig
 
 
 @style.styled
-def seeds_figure(
-    histories: Mapping[str, Sequence[NDArray[np.float64]]],
-    *,
-    optimum: float | None = None,
-    title: str = "Convergence over seeds",
-) -> Figure:
+def seeds_figure(histories: Mapping[str, Sequence[NDArray[np.float64]]], *, optimum: float | None = None) -> Figure:
     """Draw the best length against the number of tours: the median over seeds, and the 10th to 90th percentiles.
 
     Parameters
@@ -84,18 +79,15 @@ def seeds_figure(
         low, middle, high = np.quantile(best if optimum is None else 100 * (best / optimum - 1), (0.1, 0.5, 0.9), axis=0)
         axes.fill_between(made, low, high, color=colour, alpha=0.18, linewidth=0)
         axes.plot(made, middle, color=colour, linestyle=dash, linewidth=1.8, label=f"{name} ({len(group)} seeds)")
-    axes.set(
-        xscale="log", xlabel="tours made", ylabel="best length" if optimum is None else "over the optimum (%)", title=title
-    )
+    axes.set(xscale="log", xlabel="tours made", title="Convergence over seeds")
+    axes.set_ylabel("best length" if optimum is None else "over the optimum (%)")
     style.graph(axes)
     style.legend_below(axes, columns=3)
     return fig
 
 
 @style.styled
-def sensitivity_figure(
-    parameter: str, values: Sequence[float], lengths: ArrayLike, *, optimum: float | None = None, title: str = ""
-) -> Figure:
+def sensitivity_figure(parameter: str, values: Sequence[float], lengths: ArrayLike, *, optimum: float | None = None) -> Figure:
     """Draw the quality of answers against one parameter: a dot for each seed, and a line for the mean.
 
     Parameters
@@ -116,7 +108,7 @@ def sensitivity_figure(
     axes.plot(np.repeat(at, table.shape[1]), shown.ravel(), "o", color=style.CYAN, markersize=4, alpha=0.6, label="one seed")
     axes.plot(at, shown.mean(axis=1), color=style.BLUE, linewidth=1.8, marker="D", markersize=5, label="mean")
     axes.set(xlabel=parameter, ylabel="best length" if optimum is None else "over the optimum (%)")
-    axes.set_title(title or f"Sensitivity to {parameter}")
+    axes.set_title(f"Sensitivity to {parameter}")
     style.graph(axes)
     style.legend_below(axes)
     return fig

@@ -20,15 +20,13 @@ MOST_LISTED = 40  # stops that the schedule has a row for
 
 
 @style.styled
-def plan_tour_figure(tour: TourPlan, *, title: str = "") -> Figure:
+def plan_tour_figure(tour: TourPlan) -> Figure:
     """Draw a tour on its map, stops numbered in the order of their visits, and, where there are windows, its schedule.
 
     Parameters
     ----------
     tour : TourPlan
         Of at most 40 stops for a schedule, 60 for numbers.
-    title : str
-        By default what the tour costs.
     """
     task = tour.task
     visits = sum(len(route.order) for route in tour.routes)
@@ -39,7 +37,7 @@ def plan_tour_figure(tour: TourPlan, *, title: str = "") -> Figure:
     for k, route in enumerate(tour.routes):
         _draw_route(axes, tour, route, k)
     _draw_stops(axes, tour, visits, points_per_metre)
-    axes.set_title(title or _title(tour))
+    axes.set_title(_title(tour))
     more: list[tuple[Artist, str]] = []
     if times is not None:
         _draw_schedule(times, tour)
