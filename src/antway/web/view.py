@@ -263,10 +263,10 @@ def shades(amount: NDArray[Any], most: int) -> Message:
 
 
 def short_rows(rows: Iterable[Iterable[float]]) -> list[list[float | None]]:
-    """Return rows of numbers to three digits for JSON."""
+    """Return rows of numbers with three decimal places for JSON."""
     return [[short(value) for value in row] for row in rows]
 
 
 def short(value: float) -> float | None:
-    """Return a number to three digits for JSON; None if it is not finite."""
+    """Return a number with three decimal places for JSON; None if it is not finite."""
     return rounded(value, 3)
