@@ -99,7 +99,7 @@ class Waypoints:
     phase: Span = 0.0
 
     def __post_init__(self) -> None:
-        _track(self, "points")
+        _track(self)
         if not isinstance(self.loop, bool):
             raise BadParameter("loop", self.loop, "true or false")
         _spans(self, speed="m/s", pause="s", phase="")
@@ -180,7 +180,7 @@ class Replay:
     arrays: Trajectory = field(init=False, repr=False, compare=False)  # `t` and `points` as arrays
 
     def __post_init__(self) -> None:
-        _track(self, "points")
+        _track(self)
         t = checks.array("t", self.t, (len(self.points),))
         if (np.diff(t) <= 0).any():
             raise BadParameter("t", float(t[int(np.argmax(np.diff(t) <= 0)) + 1]), "increasing (s)")
@@ -287,14 +287,14 @@ def _points(motion: object, *names: str) -> None:
         object.__setattr__(motion, name, place)
 
 
-def _track(motion: object, name: str) -> None:
-    """Check the list of places `name` of a motion."""
-    points = checks.array(name, getattr(motion, name), (None, 2))
+def _track(motion: Waypoints | Replay) -> None:
+    """Check the places `points` of a motion."""
+    points = checks.array("points", motion.points, (None, 2))
     if not 1 <= len(points) <= MAX_KNOTS:
-        raise BadParameter(f"{name}.length", len(points), f"in [1, {MAX_KNOTS}]")
+        raise BadParameter("points.length", len(points), f"in [1, {MAX_KNOTS}]")
     far = float(points.flat[int(np.abs(points).argmax())])
-    checks.number(name, far, low=-MAX_PLACE, high=MAX_PLACE, unit="m")
-    object.__setattr__(motion, name, tuple(map(tuple, points.tolist())))
+    checks.number("points", far, low=-MAX_PLACE, high=MAX_PLACE, unit="m")
+    object.__setattr__(motion, "points", tuple(map(tuple, points.tolist())))
 
 
 _MOST = {"m/s": MAX_SPEED, "s": MAX_TIME, "m": MAX_PLACE, "rad": MAX_ANGLE, "": 1.0}  # largest number of each unit; "": a phase
