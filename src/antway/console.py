@@ -318,10 +318,10 @@ def print_summaries(table: Sequence[Summary]) -> None:
             "{:.1f} - {:.1f}".format(*(100 * end for end in one.success_interval)),
             "/".join(str(one.outcomes[name]) for name in ("hit-moving", "hit-standing", "hit-wall")),
             "/".join(str(one.outcomes[name]) for name in ("timeout", "error")),
-            _finite(one.time_ratio, ".4f"),
-            " - ".join(_finite(end, ".3f") for end in one.time_ratio_interval if end == end) or "-",
-            _finite(one.time, ".2f", " s"),
-            f"{_finite(one.cycle[0], '.2f')} / {_finite(one.cycle[1], '.2f')}",
+            _known(one.time_ratio, ".4f"),
+            " - ".join(_known(end, ".3f") for end in one.time_ratio_interval if end == end) or "-",
+            _known(one.time, ".2f", " s"),
+            f"{_known(one.cycle[0], '.2f')} / {_known(one.cycle[1], '.2f')}",
         )
         for one in table
     ]
@@ -381,8 +381,8 @@ def _shown(value: float | None, form: str, unit: str) -> str:
     return "-" if value is None else f"{value:{form}}{unit}"
 
 
-def _finite(value: float, form: str, unit: str = "") -> str:
-    """Return a number as text, or a dash if it is not finite, as for a policy that never arrived."""
+def _known(value: float, form: str, unit: str = "") -> str:
+    """Return a number as text, or a dash for NaN, as for a policy that never arrived."""
     return _shown(value if value == value else None, form, unit)
 
 
