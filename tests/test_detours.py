@@ -164,3 +164,15 @@ def test_a_footprint_passes_lengthwise_what_stays_where_the_disc_around_it_does_
     world = World(Grid(blocked, 0.1), [Obstacle(0.25, stands)])
     result = checked(Scenario(world=world, robot=load_robot("amr"), start=(2.0, 1.5), goal=(12.0, 1.5), horizon=30.0))
     assert result.reached and result.time < 20.0
+
+
+def test_a_footprint_passes_lengthwise_who_comes_along_a_corridor() -> None:
+    """`amr` neither turns back nor stops before somebody who leaves 0.9 m of a corridor beside him; it did both before."""
+    blocked = np.ones((22, 160), np.bool_)
+    blocked[2:20, 1:159] = False
+    world = World(Grid(blocked, 0.1), [Obstacle(0.25, Line((14.5, 1.35), (0.6, 1.35), speed=1.0))])
+    for seed in range(cases(2, 20)):
+        drive = Scenario(world=world, robot=load_robot("amr"), start=(1.5, 1.1), goal=(14.0, 1.1), horizon=30.0)
+        result = run(drive, "antway", seed=seed)
+        check_episode(result)
+        assert result.reached and result.time < 11.0 and result.length < 12.9

@@ -36,10 +36,11 @@ class Detours:
     moves : Moves
         Of the planning contexts.
     contexts : sequence of PlanningContext
-        The maps for which there are such times; by the first, the robot's progress is judged.
+        The maps for which there are such times: that of plans and, for a robot that rollouts drive, theirs. By the last one the
+        robot's progress is judged.
     narrow : sequence of PlanningContext or None
-        Those for a disc as narrow as the robot, which passes obstacles lengthwise; None if they are the same. Where the robot
-        is held up and they lead past what stays, they are tried first, then those of `contexts` and these by turns.
+        Both for a disc as narrow as the robot, which passes obstacles lengthwise; None if they are the same. Where the robot is
+        held up and they lead past what stays, they are tried first, then those of `contexts` and these by turns.
 
     Attributes
     ----------
@@ -87,8 +88,7 @@ class Detours:
         return bool(self._expected)
 
     def timed(self, context: PlanningContext) -> PlanningContext:
-        """Return the first context with the present times; that given may be for another speed if no other is narrow."""
-        context = context if self.narrow is self.wide else self.contexts[0]
+        """Return the first context with the present times; that given may be for another speed."""
         return context._replace(field=self.times[0] * (self.contexts[0].speed / context.speed))
 
     def without(self, context: PlanningContext) -> PlanningContext:
@@ -97,10 +97,10 @@ class Detours:
 
     def _time_to_go(self, xy: XY) -> float:
         """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite without one."""
-        context, (row, col) = self.contexts[0], _row_col(self.contexts[0], xy)
-        here = float(self.times[0][node_near(context, xy)])
+        context, (row, col) = self.contexts[-1], _row_col(self.contexts[-1], xy)
+        here = float(self.times[-1][node_near(context, xy)])
         if math.isinf(here):
-            field = self.times[0].reshape(context.rows, context.cols)
+            field = self.times[-1].reshape(context.rows, context.cols)
             here = float(field[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2].min(initial=math.inf))
         return here
 

@@ -33,7 +33,6 @@ from antway.policies.antway.settings import make_settings
 from antway.policies.antway.state import (
     State,
     carried_on,
-    change_nodes,
     drop_plan,
     fit_tables,
     full_and_careful,
@@ -171,9 +170,13 @@ class AntwayPolicy:
 
     def _start(self, task: Task, seed: int, response: Response, before: State | None = None) -> None:
         """Make the state of an episode, or of the rest of one in which the state was another `before`."""
-        robot, settings, controls, tracker = task.robot, make_settings(self, task), None, Tracker(self.mode == "strict")
+        robot, controls, tracker = task.robot, None, Tracker(self.mode == "strict")
         fine = task if robot.stepwise else with_fine_cells(task)
         context, kept = planning_contexts(fine, self.moves)
+        narrow, radius = narrow_contexts(fine, self.moves, context.radius), robot.radius
+        if narrow is not None:
+            context, radius = narrow[0], narrow[0].radius
+        settings = make_settings(self, task, radius)
         paces = full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
         if not robot.stepwise:
             if self.distance_weight > 0.0:
@@ -199,9 +202,7 @@ class AntwayPolicy:
             response=response,
             yielding=Yielding(),
             controls=controls,
-            detours=Detours(
-                self.moves, (context, kept)[: 1 if robot.stepwise else 2], narrow_contexts(fine, self.moves, context.radius)
-            ),
+            detours=Detours(self.moves, (context, kept)[: 1 if robot.stepwise else 2], narrow),
         )
         self.state = state if before is None else carried_on(state, before)
 
@@ -285,8 +286,6 @@ class AntwayPolicy:
             self._start(task, s.seed, s.response, s)
         elif is_new:
             s.paces = tuple((s.detours.timed(context), stopping_time) for context, stopping_time in s.paces)
-            if (context := s.paces[0][0]).legal is not s.context.legal:
-                change_nodes(s, context, s.task.robot.radius if s.detours.wide is s.detours.contexts else context.radius)
             drop_plan(s.plan)
             if s.controls is not None:
                 s.controls.set_times(s.detours.times[1])

@@ -22,15 +22,15 @@ _DRIFT_TIME = 0.2  # s; the margin grows by this times the standard deviation of
 _EXTRA_DRIFT_TIME = 1.0  # s; a plan with additional clearance keeps this times that deviation more from 1.5 s ahead on
 
 
-def make_settings(policy: AntwayPolicy, task: Task) -> Settings:
-    """Return the settings of the cycle of kernels/crossing.py for a task, with the options of the policy."""
+def make_settings(policy: AntwayPolicy, task: Task, radius: float) -> Settings:
+    """Return the settings of the cycle of kernels/crossing.py for plans of a disc of `radius` m, with the policy's options."""
     robot = task.robot
     controlled = not robot.stepwise  # then the colony in the space of controls keeps the margins
     guarded = policy.guard is not None and not controlled
     stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
     strict = policy.mode == "strict"
     tubes = TubeMargins(
-        robot_radius=robot.radius,
+        robot_radius=radius,
         margin=_MARGIN if policy.margin is None else policy.margin,
         quantile=policy.quantile if strict else 0.0 if controlled else policy.quantile * _DISCOUNT,
         speed_bound=float(task.obstacle_speed) if guarded else 0.0,
@@ -60,10 +60,8 @@ def make_settings(policy: AntwayPolicy, task: Task) -> Settings:
         goal_x=task.goal[0],
         goal_y=task.goal[1],
         tubes=tubes,
-        narrow_tubes=TubeMargins(0.0 if strict else robot.radius),
-        wide_tubes=tubes._replace(
-            robot_radius=0.0 if strict or controlled else robot.radius, extra_drift_time=_EXTRA_DRIFT_TIME
-        ),
+        narrow_tubes=TubeMargins(0.0 if strict else radius),
+        wide_tubes=tubes._replace(robot_radius=0.0 if strict or controlled else radius, extra_drift_time=_EXTRA_DRIFT_TIME),
         colony=colony,
         few_moves=colony._replace(moves=np.uint64(0 if len(short) == len(policy.moves.offsets) else (1 << short).sum())),
     )

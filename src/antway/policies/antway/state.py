@@ -176,13 +176,6 @@ def drop_plan(plan: PlanInUse) -> None:
     plan.state[KNOT_COUNT], plan.state[ARRIVAL] = 0, math.inf
 
 
-def change_nodes(s: State, context: PlanningContext, radius: float) -> None:
-    """Prepare for searches between the nodes of another context, for a disc of `radius` m."""
-    cells = context.rows * context.cols
-    s.settings = s.settings._replace(tubes=s.settings.tubes._replace(robot_radius=radius))
-    s.memory, s.trails = None if s.memory is None else make_memory(cells), make_trails(cells)
-
-
 def carried_on(new: State, old: State) -> State:
     """Return the state `new` with what is known of obstacles in `old`, and without a plan."""
     drop_plan(old.plan)
