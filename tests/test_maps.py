@@ -15,6 +15,8 @@ from PIL import Image
 from antway import BadInput, BadMap, BadParameter, Grid, load_map, save_map
 from antway.errors import BadScenario
 from antway.maps import GreyTrapWarning, ResolutionWarning, load_costs, load_scen
+from antway.maps.image import read_grey
+from antway.maps.limits import DEFAULT
 from common import SHARED, cases, needs_data, random_grid
 from mapfiles import YAML, seeds
 
@@ -57,6 +59,11 @@ def test_every_grey_is_read_as_map_server_does(tmp_path: Path, mode: str, negate
     assert np.array_equal(grid.blocked, (costs == 100) | (costs == -1))
     assert np.array_equal(grid.unknown if grid.unknown is not None else costs == -2, costs == -1)
     assert (grid.resolution, grid.origin) == (0.05, (-1.0, 2.5, 0.3))
+
+
+def test_other_largest_values_are_scaled_to_the_nearest_grey(tmp_path: Path) -> None:
+    (tmp_path / "a.pgm").write_bytes(b"P2 4 1 100 0 1 50 100")
+    assert read_grey(tmp_path / "a.pgm", DEFAULT)[0].tolist() == [[0, 3, 128, 255]]
 
 
 def test_grey_trap(tmp_path: Path) -> None:

@@ -103,7 +103,10 @@ def test_plans_come_back_as_they_were():
             continue
         start, goal = (tuple(map(int, free[i])) for i in rng.integers(len(free), size=2))
         plan = solve(Problem(grid, start, goal))
-        assert (convert.read_path(convert.path_message(plan.xy(grid))) == plan.xy(grid)).all()
+        message = convert.path_message(plan.xy(grid))
+        assert (convert.read_path(message) == plan.xy(grid)).all()
+        yaws = [convert.read_pose(one.pose)[2] for one in message.poses]
+        assert yaws[-1:] == (yaws[-2:-1] or [0.0] * len(yaws))
     with pytest.raises(BadInput, match=r"poses\[0\].*position.x = nan"):
         convert.read_path(convert.path_message([(math.nan, 0.5)]))
 
@@ -118,6 +121,8 @@ def test_commands_come_back_as_they_were():
         np.testing.assert_allclose(convert.read_twist(twist, heading).velocity, velocity, rtol=0, atol=1e-15)
         twist = convert.twist_message(Command(tuple(velocity)), (0.0, 0.0), heading, cart)
         assert twist.linear.y == 0.0 and 0.0 <= twist.linear.x <= 0.08 + 1e-12 and abs(twist.angular.z) <= 1.0 + 1e-12
+        back = (-0.5 * math.cos(heading), -0.5 * math.sin(heading))
+        assert convert.twist_message(Command(tuple(velocity)), back, heading, cart).linear.x == pytest.approx(-0.42)
 
 
 def test_tracks_come_back_as_they_were():

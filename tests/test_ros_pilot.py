@@ -319,6 +319,9 @@ def test_maps_may_change_on_the_way():
     assert "cannot set out" in drive.step().reason
     drive.pilot.receive_map(ROOM)
     assert drive.step().drives
+    drive.pilot.receive_map(Grid(np.zeros((60, 60), bool), 0.2, (12.0, 0.0, math.pi / 2)))
+    vx, vy = drive.step().command.velocity
+    assert vx > 0.9 and abs(vy) < 0.1, "commands are in the map's frame, however its cells are turned"
 
 
 def test_goals_are_replaced_and_dropped():
@@ -333,7 +336,8 @@ def test_goals_are_replaced_and_dropped():
     policy = drive.pilot.policy
     answer = drive.pilot.go(Goal((10.0, 2.0), path + np.array([0.0, 0.3]), gives_up=True))
     assert answer.end is End.REPLACED and answer.drives and drive.pilot.policy is policy
-    answer = drive.pilot.go(Goal((10.0, 2.0), np.array([[2.0, 2.0], [6.0, 7.0], [10.0, 2.0]]), gives_up=True))
+    off = 0.7 * drive.pilot.settings.corridor  # within it, but not in its inner half
+    answer = drive.pilot.go(Goal((10.0, 2.0), path + np.array([0.0, off]), gives_up=True))
     assert answer.command is STAND and drive.pilot.policy is None
     assert drive.pilot.drop("on request").end is End.DROPPED and drive.pilot.drop("again").end is None
 

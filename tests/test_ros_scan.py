@@ -31,9 +31,15 @@ def test_a_frame_undone_is_none():
         np.testing.assert_allclose(frames.chain(a, frames.inverse(a)), frames.HERE, atol=1e-14)
         xy = rng.uniform(-9, 9, (5, 2))
         np.testing.assert_allclose(frames.move(frames.chain(a, b), xy), frames.move(a, frames.move(b, xy)), atol=1e-13)
-        spread = np.array([np.cov(rng.normal(size=(4, 9))) for _ in range(5)])
+        states = rng.normal(size=(5, 9, 2, 2))  # place and velocity
+        spread, turned = (
+            np.array([np.cov(one.reshape(9, 4).T) for one in many])
+            for many in (states, frames.move((0, 0, a[2]), states).reshape(states.shape))
+        )
         tracks = Tracks(np.arange(5), xy, rng.uniform(-1, 1, (5, 2)), np.ones(5), spread)
-        back = frames.move_tracks(frames.inverse(a), frames.move_tracks(a, tracks))
+        moved = frames.move_tracks(a, tracks)
+        np.testing.assert_allclose(moved.covariance, turned, atol=1e-13)
+        back = frames.move_tracks(frames.inverse(a), moved)
         np.testing.assert_allclose(back.xy, tracks.xy, atol=1e-13)
         np.testing.assert_allclose(back.velocity, tracks.velocity, atol=1e-13)
         np.testing.assert_allclose(back.covariance, spread, atol=1e-13)
@@ -107,6 +113,8 @@ def test_what_is_no_arc_is_held_by_its_discs():
         assert holds.any(axis=1).all()
         assert np.hypot(*(xy - 50.0).T).min() > 10.0
     assert len(discs(np.empty((0, 2)), gap=0.3, largest=0.8)[0]) == 0
+    boards = np.array([(0.0, 0.0), (0.1, 0.0), (5.0, 0.0), (5.1, 0.0)])
+    assert discs(boards, gap=0.3, largest=0.8)[0][:, 0] == pytest.approx([0.05, 5.05]), "in the order of beams"
 
 
 def test_each_beam_is_placed_by_where_the_robot_was() -> None:
@@ -187,7 +195,9 @@ def test_the_tracker_names_and_measures():
         column = np.rint(tracks.xy[:, 0] / 3.0).astype(int)
         np.testing.assert_allclose(tracks.velocity[:, 1], velocity[column, 1], atol=0.12)
         assert (tracks.covariance.diagonal(axis1=1, axis2=2) > 0.0).all()
-        assert len(tracker.update(t + 0.5, Tracks.none())) == n and len(tracker.update(t + 1.5, Tracks.none())) == 0
+        lost, spread = tracker.update(t + 0.5, Tracks.none()), tracks.covariance
+        np.testing.assert_allclose(lost.covariance[:, 0, 2], spread[:, 0, 2] + 0.5 * spread[:, 2, 2])
+        assert len(lost) == n and len(tracker.update(t + 1.5, Tracks.none())) == 0
         assert len(tracker.update(0.0, nameless((xy, np.full(n, 0.3))))) == n, "time that goes back begins anew"
     named = Tracks(np.array([7]), np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
     assert Tracker().update(0.0, named) is named

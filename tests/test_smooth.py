@@ -196,6 +196,7 @@ def test_stops_at_corners_are_exact() -> None:
         stop_at_corners([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0)], CAR)
     glides = stop_at_corners([(0.0, 0.0), (3.0, 4.0), (3.0, 5.0)], RobotSpec(a_max=1.0))
     assert glides.time == pytest.approx(6.0 + 2.0)
+    assert stop_at_corners([(0.0, 0.0), (0.24, 0.0)], RobotSpec(a_max=1.0, brake_max=3.0)).time == pytest.approx(0.6 + 0.2)
 
 
 def broken(motion: Motion) -> dict[str, Motion]:
