@@ -14,6 +14,7 @@ from antway.kernels.robot.guard import time_to_contact
 from antway.kernels.robot.reach import least_gap
 from antway.kernels.spacetime.alternatives import passing
 from antway.kernels.spacetime.ants import _Choices, _draw, deposit
+from antway.kernels.spacetime.memory import STATE_COUNT
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
@@ -157,6 +158,8 @@ def test_a_weight_on_metres_finds_shorter_paths_that_cost_less() -> None:
             memory, end, cost, bound = colony(context, segments, x, y, distance_weight=weight)
             n = 0 if end < 0 else trace_back(memory, context, predictions, x, y, end, 20.0, 40.0, knots)
             metres = float(np.hypot(*np.diff(knots[:n, 1:], axis=0).T).sum())
+            reached = 1 + np.flatnonzero(np.isfinite(memory.arrival[1 : memory.counter[STATE_COUNT]]))
+            assert (memory.depart[reached] >= memory.arrival[memory.parent[reached]] - 1e-9).all(), "nobody leaves too soon"
             if n:
                 assert bound - 1e-6 <= knots[n - 1, 0] + weight * metres <= cost + 1e-6
                 assert first_conflict(knots[:n], 0.0, predictions) == math.inf
@@ -183,6 +186,10 @@ def test_motions_keep_clear_of_everything() -> None:
         m = shorten(context, Predictions(segments, 0.0), raw[:n], short)
         assert raw[n - 1, 0] <= arrival + 1e-9 and short[m - 1, 0] <= raw[n - 1, 0] + 1e-9
         shorter += short[m - 1, 0] < raw[n - 1, 0] - 1e-6
+        waits = np.vstack((raw[:n], raw[n - 1] + np.array([1.0, 0.0, 0.0])))
+        last = shorten(context, Predictions(segments, 0.0), waits, short) - 1
+        assert (short[last] == waits[-1]).all(), "a wait at the end stays"
+        m = shorten(context, Predictions(segments, 0.0), raw[:n], short)
         for knots in (raw[:n], short[:m]):
             assert (knots[0, 1:] == (x, y)).all() and np.allclose(knots[-1, 1:], grid.centre(goal))
             steps = np.diff(knots, axis=0)

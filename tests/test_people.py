@@ -410,6 +410,8 @@ def test_places_of_noise_are_told_from_their_innovations(measured: bool) -> None
         table, state, found = make_table(16, noise.COLUMNS), np.zeros(2), []
         for t, ids, places, velocity in scans:
             found.append(noise.place_noise(*table[:2], state, t, ids, places, velocity))
+        late = noise.place_noise(*table[:2], state, t + 0.6, ids, places + 5.0, velocity)
+        assert late == found[-1], "places that are so far apart in time are not compared"
         slow = naive.place_noise(scans)
         assert math.sqrt(found[-1]) == pytest.approx(sigma, rel=0.34, abs=1e-3)
         assert measured or math.sqrt(found[20]) == pytest.approx(sigma, rel=0.5, abs=5e-3)  # after two seconds

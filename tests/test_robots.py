@@ -121,12 +121,12 @@ def test_ramps_square_to_the_command_pass_the_check() -> None:
         check_episode(run(hall(rng, robot, 0), Squarely(), seed=seed))
 
 
-@pytest.mark.parametrize("name", ["diff", "amr", "tricycle", "slider", "inertia"])
+@pytest.mark.parametrize("name", ["diff", "amr", "tricycle", "slider", "inertia", "holonomic"])
 def test_the_check_finds_what_is_false(name: str) -> None:
     """A place, a heading, a speed or a command that is not as driven is found."""
     trace = run(hall(np.random.default_rng(1), EVERY[name], 0), Guarded(Wanderer()), seed=1).trace
     check_episode(trace)
-    for field in ("xy", "velocity", "command", *(() if name in ("slider", "inertia") else ("heading", "turn_rate"))):
+    for field in ("xy", "velocity", "command", *(() if not EVERY[name].wheels else ("heading", "turn_rate"))):
         wrong = getattr(trace, field).copy()
         row = len(wrong) // 2
         while field == "command" and not np.isfinite(wrong[row]).all():
@@ -134,6 +134,15 @@ def test_the_check_finds_what_is_false(name: str) -> None:
         wrong[row] += 0.1 if field != "command" else np.where(wrong[row] > 0, -3.0, 3.0)
         with pytest.raises(InvalidPlan):
             check_episode(replace(trace, **{field: wrong}))
+    grid, velocity, row = trace.task.grid, trace.velocity.copy(), len(trace) // 2
+    blocked = grid.blocked.copy()
+    blocked[grid.cell_at(trace.xy[row])] = True
+    with pytest.raises(InvalidPlan, match="^passes through a wall"):
+        check_episode(replace(trace, task=replace(trace.task, grid=replace(grid, blocked=blocked))))
+    velocity[row] += 0.1 * np.array([-math.sin(trace.heading[row]), math.cos(trace.heading[row])])
+    if EVERY[name].wheels:
+        with pytest.raises(InvalidPlan, match="^moves aside, which wheels do not$"):
+            check_episode(replace(trace, velocity=velocity))
 
 
 def test_a_footprint_that_turns_is_moving() -> None:

@@ -258,6 +258,14 @@ def test_the_check_rejects_drift_spin_and_reversals_within_a_step() -> None:
     for dt in (1e-4, 0.01):
         with pytest.raises(InvalidPlan, match="velocities lead"):
             check_motion(room, ROBOTS["inertia"], moved(dt, 0.0009 * np.arange(2001), still))
+    for name in ("inertia", "diff"):
+        motion = stop_at_corners([(2.0, 5.0), (5.0, 5.0)], ROBOTS[name])
+        with pytest.raises(InvalidPlan, match="is faster than v_max"):
+            check_motion(room, replace(ROBOTS[name], v_max=0.9), motion)
+    with pytest.raises(InvalidPlan, match="is faster than v_max or v_reverse"):
+        check_motion(
+            room, ROBOTS["diff"], Motion(motion.t, motion.xy, motion.heading + math.pi, motion.velocity, motion.turn_rate)
+        )
     slow = moved(0.01, 1e-5 * np.arange(2001), still)
     with pytest.raises(InvalidPlan, match="velocities lead"):
         check_motion(room, ROBOTS["inertia"], slow)
