@@ -137,11 +137,11 @@ def test_the_check_finds_what_is_false(name: str) -> None:
     grid, velocity, row = trace.task.grid, trace.velocity.copy(), len(trace) // 2
     blocked = grid.blocked.copy()
     blocked[grid.cell_at(trace.xy[row])] = True
-    with pytest.raises(InvalidPlan, match="^passes through a wall"):
+    with pytest.raises(InvalidPlan, match=r"^passes through a wall"):
         check_episode(replace(trace, task=replace(trace.task, grid=replace(grid, blocked=blocked))))
     velocity[row] += 0.1 * np.array([-math.sin(trace.heading[row]), math.cos(trace.heading[row])])
     if EVERY[name].wheels:
-        with pytest.raises(InvalidPlan, match="^moves aside, which wheels do not$"):
+        with pytest.raises(InvalidPlan, match=r"^moves aside, which wheels do not$"):
             check_episode(replace(trace, velocity=velocity))
 
 
