@@ -23,6 +23,10 @@ class Publisher:
     def publish(self, message: Any) -> None:
         self.sent.append(message)
 
+    def wait_for_all_acked(self, timeout: Any) -> bool:
+        self.acknowledged = len(self.sent)
+        return True
+
     def get_subscription_count(self) -> int:
         return self.listeners
 
@@ -100,6 +104,7 @@ def node_module(monkeypatch: Any) -> ModuleType:
             "GoalResponse": Enum("GoalResponse", ["REJECT", "ACCEPT"]),
         },
         "rclpy.clock": {"Clock": any_kind, "ClockType": SimpleNamespace(STEADY_TIME=1)},
+        "rclpy.duration": {"Duration": any_kind},
         "rclpy.exceptions": {"ParameterException": type("ParameterException", (Exception,), {})},
         "rclpy.executors": {"SingleThreadedExecutor": MagicMock},
         "rclpy.lifecycle": {

@@ -99,6 +99,15 @@ def test_markers_that_only_delete_need_no_frame(made) -> None:
         assert node.pilot.scan[0] == pytest.approx(t) and node.pilot.scan[1].id.tolist() == tracks.id.tolist(), node.said
 
 
+def test_a_node_that_ends_sees_to_it_that_its_stop_arrives(made) -> None:
+    """A stop could be lost with a node that ended as soon as it had sent it, and the robot drove on."""
+    node = made()
+    node.heard_on["goal_pose"](goal(6.0, 2.0))
+    node.on_shutdown(None)
+    sent = node.published["cmd_vel"]
+    assert not vars(sent.sent[-1].twist) and sent.acknowledged == len(sent.sent)
+
+
 def test_odometry_whose_clock_stands_is_silent(made, monkeypatch) -> None:
     """Odometry that keeps on coming with the same stamp stops the robot, as if it did not come."""
     node = made()

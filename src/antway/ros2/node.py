@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
@@ -100,8 +101,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.reported, self.logged = (OK, ""), dict[str, float]()  # the logged errors, and when, s
         self._open_publishers()
         self._open_subscriptions(kind)
-        stop = self.create_service(load("std_srvs/srv/Trigger"), "~/stop", self._serve_stop)
-        self.parts.append((self.destroy_service, stop))
+        self.parts.append((self.destroy_service, self.create_service(load("std_srvs/srv/Trigger"), "~/stop", self._serve_stop)))
         self.transforms = Transforms(self)
         self.parts.append((Transforms.close, self.transforms))
         self.parts.append((Served.close, Served(self, self.kinds)))
@@ -140,8 +140,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             (load("geometry_msgs/msg/PoseStamped"), "goal_pose", 10, self._on_goal),
         ]
         if find_spec("map_msgs"):  # as Nav2 sends them beside a costmap
-            updates = f"{self.resolve_topic_name('map')}_updates"
-            wanted.append((load("map_msgs/msg/OccupancyGridUpdate"), updates, UPDATES, self._on_map))
+            topic, update = f"{self.resolve_topic_name('map')}_updates", load("map_msgs/msg/OccupancyGridUpdate")
+            wanted.append((update, topic, UPDATES, self._on_map))
         for message, topic, qos, callback in wanted:
             self.parts.append((self.destroy_subscription, self.create_subscription(message, topic, callback, qos)))
 
@@ -198,6 +198,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             for answer in self.pilot.braking():
                 self._do(answer)
             self.active = False
+            self.cmd_vel.wait_for_all_acked(Duration(seconds=1.0))  # or the stop is lost with the node
 
     # What comes in
 
@@ -231,9 +232,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     def _on_goal(self, message: Any) -> None:
         if not self.active:
             self.get_logger().warning("goal_pose is ignored, because the node is not active")
-            return
-        pose = self._read("goal_pose", lambda goal: self.place(goal.header, goal.pose), message)
-        if pose is not None:
+        elif pose := self._read("goal_pose", lambda goal: self.place(goal.header, goal.pose), message):
             self.orders += 1
             self.go(Goal(pose[:2], yaw=pose[2]))
 
