@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -134,6 +135,20 @@ def test_a_guard_that_hangs_is_told_in_time(monkeypatch: pytest.MonkeyPatch) -> 
         with pytest.raises(BadInput, match=r"takes it up within 0\.1 s"):
             process.reset(Task(Grid(np.zeros((600, 600), bool), 0.25), TASK.robot, TASK.start, TASK.goal))
         assert process.process.wait(10.0) == -signal.SIGKILL
+
+
+def test_an_interrupt_leaves_no_timer_that_the_interpreter_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C while a guard gets ready ends at once, and not after the time that it has for that."""
+
+    def interrupted(*_: str) -> None:
+        raise KeyboardInterrupt
+
+    with GuardProcess(TASK) as process:
+        monkeypatch.setattr(process.link, "ring", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            process.reset(TASK)
+        timers = [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]
+        assert all(timer.finished.is_set() for timer in timers)
 
 
 def told(path: str):

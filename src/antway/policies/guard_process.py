@@ -120,11 +120,13 @@ class GuardProcess:
         assert self.process.stdout is not None
         self.task, killer = task, threading.Timer(seconds, self.process.kill)
         killer.start()
-        with contextlib.suppress(BrokenPipeError):  # a process that has ended is not ready
-            self._tell(task)
-        self.link.ring("guard")
-        ready = self.process.stdout.readline()
-        killer.cancel()
+        try:
+            with contextlib.suppress(BrokenPipeError):  # a process that has ended is not ready
+                self._tell(task)
+            self.link.ring("guard")
+            ready = self.process.stdout.readline()
+        finally:
+            killer.cancel()
         if not ready:
             raise BadParameter("task", task, f"such that the guard's process takes it up within {seconds:g} s")
 
