@@ -308,6 +308,9 @@ def test_maps_may_change_on_the_way():
     wall[:30, 30] = True
     assert drive.pilot.receive_map(Grid(wall, 0.2)).reason == "the map has changed"
     assert drive.step().drives and drive.pilot.policy is not policy
+    grown = np.pad(wall, ((5, 0), (10, 20)))  # as that of a SLAM, whose origin moves
+    assert drive.pilot.receive_map(Grid(grown, 0.2, (-2.0, -1.0, 0.0))).reason == "the map has changed"
+    assert drive.step().drives and drive.pilot.policy.task.goal == (10.0, 2.0)
     wall[5:15, 45:55] = True
     drive.pilot.receive_map(Grid(wall, 0.2))
     answer = drive.step()
