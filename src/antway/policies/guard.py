@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, TooLarge
 from antway.kernels.base.jit import entry
-from antway.kernels.base.records import RobotState
+from antway.kernels.base.records import RobotState, Walls
 from antway.kernels.robot.brake import Robot
 from antway.kernels.robot.guard import (
     BOUND_CHANGE,
@@ -29,7 +29,6 @@ from antway.kernels.robot.guard import (
 )
 from antway.kernels.robot.passing import fallback, first_certified, passed_command, passes
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
-from antway.kernels.robot.sweep import Walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
 from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks, as_policy, commanded
 from antway.world.terrain import body_of, terrain_of, walls_of

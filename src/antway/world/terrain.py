@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from antway.grid import Grid
-from antway.kernels.base.records import Terrain
-from antway.kernels.robot.sweep import Body, Walls
+from antway.kernels.base.records import Terrain, Walls
+from antway.kernels.robot.sweep import Body
 from antway.world.robots import RobotSpec
 
 _KEPT, _KEPT_CELLS = 8, 2**21  # grids kept in `_cache`, and the most cells of them together

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
-from antway.kernels.base.records import Terrain, Trajectories
+from antway.kernels.base.records import Terrain, Trajectories, Walls
 
 TOUCH = 1e-9  # in the unit of the call; a contact is a distance smaller than the contact radius by more than this
 
@@ -369,3 +369,16 @@ def _enter_box(p: float, q: float, dp: float, dq: float, a: float, b: float) -> 
             s, t = (-half - x) / d, (half - x) / d
             enter, leave = max(enter, min(s, t)), min(leave, max(s, t))
     return enter if enter < leave else math.inf
+
+
+@bare_kernel
+def free_distance(walls: Walls, x: float, y: float) -> float:
+    """Return a lower bound >= 0 of the distance in m of (x, y) from blocked squares and from the map's edges."""
+    s = walls.resolution
+    rows, cols = walls.blocked.shape
+    u, v = (x - walls.x0) / s, (y - walls.y0) / s
+    if not (0.0 <= u < cols and 0.0 <= v < rows):
+        return 0.0
+    i, j = int(v), int(u)
+    free: float = max(walls.clearance[i, j] - s * math.hypot(u - j - 0.5, v - i - 0.5), 0.0)
+    return free

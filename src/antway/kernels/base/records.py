@@ -47,6 +47,16 @@ class Terrain(NamedTuple):
     resolution: float  # m; edge of a cell
 
 
+class Walls(NamedTuple):
+    """A `Terrain` with the distances to its walls."""
+
+    blocked: NDArray[np.bool_]  # [H, W]
+    clearance: NDArray[np.float64]  # [H, W] m; from a cell's centre to the nearest blocked square or map edge
+    x0: float  # m; x and y of the outer corner of cell (0, 0)
+    y0: float
+    resolution: float  # m; edge of a cell
+
+
 class Trajectories(NamedTuple):
     """Piecewise linear motions of K discs (kernels/base/geometry.py)."""
 

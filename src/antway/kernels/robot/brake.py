@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import TOUCH
+from antway.kernels.base.geometry import TOUCH, free_distance
 from antway.kernels.base.jit import bare_kernel, inner_kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
+from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState, Walls
 from antway.kernels.base.rows import copy_row
 from antway.kernels.robot.cycle import next_segment
 from antway.kernels.robot.motion import REST, drive_roughly
@@ -25,11 +25,9 @@ from antway.kernels.robot.sweep import (
     DIRECTIONS,
     Body,
     Segment,
-    Walls,
     axis_gap,
     disc_axis,
     enlarged,
-    free_distance,
     meets_wall,
     pose,
     straight,

@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import knot_after, timeline_at, wrap
 from antway.kernels.base.jit import bare_kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState, Trajectories
+from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState, Trajectories, Walls
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
 from antway.kernels.robot.motion import REST, clipped, holonomic_ramp, wheels_segment
 from antway.kernels.robot.sweep import (
     Body,
     Disc,
     Segment,
-    Walls,
     meets_disc,
     meets_wall,
     nearest_disc,

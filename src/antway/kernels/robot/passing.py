@@ -10,14 +10,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import TOUCH
+from antway.kernels.base.geometry import TOUCH, free_distance
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotState
 from antway.kernels.robot.brake import CYCLES, SIDE, STRAIGHT, TURN, Robot, Situation, situation_of, stop_for
 from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, time_to_contact
 from antway.kernels.robot.motion import REST, clipped, drive_roughly
 from antway.kernels.robot.reach import AGE, RADIUS, VX, VY, X, Y
-from antway.kernels.robot.sweep import free_distance
 
 _FRACTIONS = 5  # number of speeds tried below the commanded one
 _SPEEDS = 3  # number of speeds tried for a step aside on wheels

@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.geometry import free_distance
 from antway.kernels.base.jit import bare_kernel
-from antway.kernels.robot.sweep import Walls, free_distance
+from antway.kernels.base.records import Walls
 
 X, Y, VX, VY, RADIUS, SPEED, ACCEL, AGE = range(8)  # columns of a row; there is one row for each obstacle
 COLUMNS = 8

@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import TOUCH
+from antway.kernels.base.geometry import TOUCH, free_distance
 from antway.kernels.base.jit import bare_kernel, inner_kernel
+from antway.kernels.base.records import Walls
 from antway.kernels.robot.motion import along
 
 _CLOSE = 1e-12  # m; a smaller gap that is closing is a contact
@@ -192,17 +193,22 @@ def disc_axis(at: Pose, corners: NDArray[np.float64], ox: float, oy: float) -> t
 
 
 @bare_kernel
+def _point_axis(dx: float, dy: float, half: float) -> tuple[float, float]:
+    """Return the unit axis from the square around (0, 0) to the point (dx, dy)."""
+    u, v = dx - min(max(dx, -half), half), dy - min(max(dy, -half), half)
+    away = math.hypot(u, v)
+    if away > 0.0:
+        return u / away, v / away
+    return (math.copysign(1.0, dx), 0.0) if abs(dx) >= abs(dy) else (0.0, math.copysign(1.0, dy))
+
+
+@bare_kernel
 def square_axis(at: Pose, corners: NDArray[np.float64], cx: float, cy: float, half: float) -> tuple[float, float]:
     """Return the unit axis along which the hull of the corners is farthest from the square around (cx, cy)."""
     x, y, theta = at.x, at.y, at.theta
     n = len(corners)
     if n == 1:
-        dx, dy = x - cx, y - cy
-        u, v = dx - min(max(dx, -half), half), dy - min(max(dy, -half), half)
-        away = math.hypot(u, v)
-        if away > 0.0:
-            return u / away, v / away
-        return (math.copysign(1.0, dx), 0.0) if abs(dx) >= abs(dy) else (0.0, math.copysign(1.0, dy))
+        return _point_axis(x - cx, y - cy, half)
     c, s = math.cos(theta), math.sin(theta)
     best, bx, by = -math.inf, 1.0, 0.0
     low_x, low_y, high_x, high_y = math.inf, math.inf, -math.inf, -math.inf
@@ -318,29 +324,6 @@ def _lowest(m: Segment, corners: NDArray[np.float64], around: float, disc: Disc,
     return best
 
 
-class Walls(NamedTuple):
-    """The map as kernels take it."""
-
-    blocked: NDArray[np.bool_]  # bool[H, W]
-    clearance: NDArray[np.float64]  # float64[H, W], m; from a cell's centre to the nearest blocked square or map edge
-    x0: float  # m; x and y of the map's corner
-    y0: float  # m
-    resolution: float  # m
-
-
-@bare_kernel
-def free_distance(walls: Walls, x: float, y: float) -> float:
-    """Return a lower bound >= 0 of the distance in m of (x, y) from blocked squares and from the map's edges."""
-    s = walls.resolution
-    rows, cols = walls.blocked.shape
-    u, v = (x - walls.x0) / s, (y - walls.y0) / s
-    if not (0.0 <= u < cols and 0.0 <= v < rows):
-        return 0.0
-    i, j = int(v), int(u)
-    free: float = max(walls.clearance[i, j] - s * math.hypot(u - j - 0.5, v - i - 0.5), 0.0)
-    return free
-
-
 @bare_kernel
 def meets_wall(m: Segment, h: float, body: Body, walls: Walls) -> float:
     """Return the time in s of the first contact with a wall or the map's edge on a segment, `h` s long; else infinity."""
@@ -370,20 +353,7 @@ def _meets_near(m: Segment, at: Pose, start: float, end: float, body: Body, move
     """
     rows, cols = walls.blocked.shape
     size, corners, (x, y, theta) = walls.resolution, body.corners, (at.x, at.y, at.theta)
-    best, touches = math.inf, False
-    for side in range(4):
-        nx, ny = DIRECTIONS[side]
-        edge = (walls.x0, -(walls.x0 + cols * size), walls.y0, -(walls.y0 + rows * size))[side]
-        if nx * x + ny * y - edge > body.radius + moved + TOUCH:
-            continue
-        t, last = start, min(end, best)
-        while t <= last:
-            gap, opening, time = axis_gap(m, pose(m, t), corners, nx, ny, edge + body.rounding - TOUCH, 0.0, 0.0)
-            touches = touches or (gap <= _CLOSE and t == start)
-            if gap <= _CLOSE and opening < 0.0:
-                best = t
-                break
-            t += max(time, _LEAST)
+    best, touches = _meets_edges(m, at, start, end, body, moved, walls)
     turn = max(abs(m.w + m.b * start), abs(m.w + m.b * end))
     beyond = moved + turn * (end - start) * (body.radius - body.rounding) + body.rounding + _SLACK
     c, s = math.cos(theta), math.sin(theta)
@@ -415,6 +385,28 @@ def _meets_near(m: Segment, at: Pose, start: float, end: float, body: Body, move
                         best, touches = min(best, first), touches or touched
                 j += max(int(walls.clearance[i, j] / size + 0.5), 1)  # no cell on the way there is blocked
     return best
+
+
+@bare_kernel
+def _meets_edges(m: Segment, at: Pose, start: float, end: float, body: Body, moved: float, walls: Walls) -> tuple[float, bool]:
+    """Return the first contact in [start, end] with the map's edges, and whether the body touches one at `start`."""
+    rows, cols = walls.blocked.shape
+    right, top = walls.x0 + cols * walls.resolution, walls.y0 + rows * walls.resolution
+    best, touches = math.inf, False
+    for side in range(4):
+        nx, ny = DIRECTIONS[side]
+        edge = (walls.x0, -right, walls.y0, -top)[side]
+        if nx * at.x + ny * at.y - edge > body.radius + moved + TOUCH:
+            continue
+        t, last = start, min(end, best)
+        while t <= last:
+            gap, opening, time = axis_gap(m, pose(m, t), body.corners, nx, ny, edge + body.rounding - TOUCH, 0.0, 0.0)
+            touches = touches or (gap <= _CLOSE and t == start)
+            if gap <= _CLOSE and opening < 0.0:
+                best = t
+                break
+            t += max(time, _LEAST)
+    return best, touches
 
 
 @bare_kernel
