@@ -73,6 +73,20 @@ def test_a_disc_that_bounces_does_not_turn() -> None:
         assert _rates(scans[-30:], aisle)[0] == 0.0
 
 
+def test_a_disc_that_turns_turns_the_other_way_after_a_bounce() -> None:
+    """On a circle it comes to the edge of the map at y = 10 m, and goes on along the mirrored circle."""
+    room, scans = terrain_of(Grid(np.zeros((100, 100), np.bool_), 0.1)), []
+    for i in range(58):  # the last step is the bounce
+        turn = 0.75 * np.exp(1j * (2.5 + 0.08 * i))
+        at, v = 5.0 + 9.2j + turn, 0.8j * turn
+        if i == 57:
+            at, v = complex(at.real, 19.4 - at.imag), v.conjugate()
+        estimates = _rows({7: (at.real, at.imag, v.real, v.imag)})
+        estimates[0, RADIUS] = 0.3
+        scans.append((0.1 * i, estimates))
+    assert [_rates(some, room)[0] for some in (scans[:-1], scans)] == pytest.approx([0.8, -0.8])
+
+
 def test_mean_velocities_lead_along_the_circle() -> None:
     for rate in (-2.0, -1e-12, 0.0, 0.3, 5.0):
         moments = 0.4 + (np.arange(4000) + 0.5) * 0.7 / 4000
