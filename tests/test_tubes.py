@@ -35,11 +35,30 @@ def test_where_the_robot_can_stand_is_what_sampling_finds() -> None:
     """A place is free exactly if no sampled instant from arrival on finds it in a tube, but for a hair's breadth."""
     rng = np.random.default_rng(3)
     for _ in range(cases(40, 2000)):
-        trajectory, t, xy = tubes(rng), rng.uniform(0, 5, 8), rng.uniform(1, 9, (8, 2))
+        trajectory, t, xy = tubes(rng), rng.uniform(0, 7, 8), rng.uniform(1, 9, (8, 2))
         free = trajectory.standing(t, xy, 6.0, 0.4, 0.0)
         for i in range(8):
-            least = min(gap(trajectory, s, *xy[i], 0.0) for s in np.linspace(t[i], 6.0, 400)) - 0.4
+            least = min(gap(trajectory, s, *xy[i], 0.0) for s in np.linspace(t[i], max(t[i], 6.0), 400)) - 0.4
             assert abs(least) < 0.02 or free[i] == (least > 0.0)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_closed_cells_are_those_that_sampling_finds(whole: bool) -> None:
+    """A cell is closed if a tube is there between 0.9 times and 1.3 times the least time of arrival and 0.5 s, or ever."""
+    rng, shut = np.random.default_rng(4), 0
+    for _ in range(cases(4, 200)):
+        trajectory, (top, left) = tubes(rng, 6), rng.integers(8, 24, 2).tolist()
+        x, y = OPEN.centre((top + 4, left + 2))
+        closed = trajectory.close(OPEN, (top, left, 8, 8), (x, y), 1.5, 0.4, 3.0, whole=whole)
+        assert closed.sum() == closed[top : top + 8, left : left + 8].sum()
+        for row, col in np.argwhere(np.ones((8, 8)))[::3] + (top, left):
+            px, py = OPEN.centre((int(row), int(col)))
+            away = math.hypot(px - x, py - y) / 1.5
+            first, last = (0.0, 3.0) if whole else (min(0.9 * away, 3.0), min(1.3 * away + 0.5, 3.0))
+            least = min(gap(trajectory, s, px, py, 0.0) for s in np.linspace(first, last, 60)) - 0.4
+            assert abs(least) < 0.03 or closed[row, col] == (least < 0.0)
+        shut += closed.sum()
+    assert shut > 20
 
 
 def test_conflicts_are_those_that_sampling_finds() -> None:
