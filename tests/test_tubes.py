@@ -51,7 +51,7 @@ def test_closed_cells_are_those_that_sampling_finds(whole: bool) -> None:
         x, y = OPEN.centre((top + 4, left + 2))
         closed = trajectory.close(OPEN, (top, left, 8, 8), (x, y), 1.5, 0.4, 3.0, whole=whole)
         assert closed.sum() == closed[top : top + 8, left : left + 8].sum()
-        for row, col in np.argwhere(np.ones((8, 8)))[::3] + (top, left):
+        for row, col in np.argwhere(np.ones((8, 8)))[::3] + np.array((top, left)):
             px, py = OPEN.centre((int(row), int(col)))
             away = math.hypot(px - x, py - y) / 1.5
             first, last = (0.0, 3.0) if whole else (min(0.9 * away, 3.0), min(1.3 * away + 0.5, 3.0))

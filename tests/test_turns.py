@@ -10,7 +10,7 @@ import pytest
 from antway import Grid, RobotSpec, Scenario, Task, World, check_episode, run
 from antway.kernels.base.records import RobotState
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
-from antway.kernels.controls.problem import CONTACT, TURN_DISTANCE, TURN_TIME
+from antway.kernels.controls.problem import CONTACT, STRAIGHT, TURN_DISTANCE, TURN_TIME
 from antway.kernels.tracking.changes import COLUMNS, FIRST_SECONDS, velocity_changes
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
@@ -81,6 +81,18 @@ def test_the_reach_of_turns_is_what_an_obstacle_gains_before_the_robot_is_out_of
         assert reach[k] == pytest.approx(gain.max(), abs=1e-6)
         assert outlook.disc[k, 0, TURN_TIME] == pytest.approx(min(0.1 * (k + 1), 0.15 + change / 2.0))
     assert (outlook.near == 1).all()
+
+
+def test_obstacles_go_straight_until_their_velocity_changes() -> None:
+    """A tube that widens, and the end of what is predicted, change no velocity."""
+    outlook, margins = empty_outlook(25), Margins(0.01, 0.05, 2.0, 1.2, 0.4, 0.15, 2.0)
+    segments = np.array(
+        [[0, 0.5, 2, 0, 0, 0.5, 0.6, 0.6], [0.5, 1, 2, 0.25, 0, 0.5, 0.7, 0.7], [1, 3, 2, 0.5, 0.5, 0, 0.7, 0.7]]
+    )
+    at, bounds = RobotState(0.0, 0.0, 0.0, 0.0, 0.0), SpeedBounds(1.0, 1.0, 1.0, 1.0)
+    look_ahead(segments, np.zeros((1, 2)), 0.0, 0.1, at, bounds, margins, 0.0, outlook)
+    left = [1.0 - t if 0.5 <= t < 1.0 else math.inf for t in (np.arange(25) + 1) / 10]
+    assert outlook.disc[:25, 0, STRAIGHT].tolist() == pytest.approx(left)
 
 
 def test_velocities_count_as_wrong_by_as_much_as_turns_change_them() -> None:
