@@ -60,6 +60,15 @@ def test_a_robot_could_stop_before_who_stands_behind_the_goal(robot: str) -> Non
     assert (away <= stage.task.goal_tolerance).any()
 
 
+def test_a_robot_that_has_found_no_way_does_not_turn_to_and_fro() -> None:
+    """Close to somebody who leaves no gap in a corridor of 0.9 m, it used to turn nearly all the time."""
+    blocked = np.ones((13, 120), bool)
+    blocked[2:11, 1:119] = False
+    world = World(Grid(blocked, 0.1), (Obstacle(0.25, Replay((0.0, 100.0), ((4.0, 0.65), (4.0, 0.65)))),))
+    stage = _played(Scenario(world, (3.495, 0.65), (10.0, 0.65), load_robot("turtlebot4")), 16.0)
+    assert ((np.hypot(*stage.velocity[80:].T) == 0.0) & (stage.turn_rate[80:] == 0.0)).mean() > 0.8
+
+
 @pytest.mark.parametrize("robot", ["jackal", "inertia"])
 def test_a_robot_that_waits_stands(robot: str) -> None:
     """Before somebody who stands in a corridor it does not drive to and fro, to come with a run when the way is free."""

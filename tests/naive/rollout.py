@@ -104,7 +104,7 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
     if arrived < math.inf:
         return cost - (len(controls) - 1 - arrived) * dt
     cost += afterwards_of(now, problem, math.exp(-w.decay * len(controls) * dt), harm)
-    return cost + max(value, to_go + lost_of(now, limits, field))
+    return cost + max(value, to_go + w.ramps * lost_of(now, limits, field))
 
 
 def _downhill(x: float, y: float, field: StaticField) -> np.ndarray:

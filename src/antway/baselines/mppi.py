@@ -88,6 +88,7 @@ class Mppi(Follow):
             wall_margin=self.wall_margin,
             wall_risk=0.0,
             wall_range=0.0,
+            ramps=1.0,
             off_plan=0.0,
             stop=0.0,
             stopping_time=0.0,

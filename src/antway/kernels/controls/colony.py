@@ -182,6 +182,6 @@ def forage(archive: Archive, lattice: Lattice, colony: ColonySettings, problem: 
         for _ in range(colony.ants):
             draw(archive, colony, problem.limits, state)
             take(archive, problem)
-    archive.ant[:] = archive.sequence[archive.order[0]]
-    archive.ant[0] = 0.0  # the best sequence, but the robot stands at first
+    archive.ant[1:] = archive.sequence[archive.order[0], :-1]
+    archive.ant[0] = 0.0  # the best sequence a period later; until then the robot brakes
     take(archive, problem)

@@ -59,6 +59,7 @@ class CostWeights(NamedTuple):
     wall_margin: float  # m
     wall_risk: float  # 1; for each second at `wall_margin`; falls to nothing at `wall_range` from there
     wall_range: float  # m
+    ramps: float  # 1; for each second that the robot will lose to ramps and turns; 0 while it waits, without a plan
     off_plan: float  # s/m; added to the time that the plan still takes, for each metre between the robot and the plan
     stop: float  # s/m; at each step, for the depth to which an obstacle could enter the robot's stop from there
     stopping_time: float  # s; delay before a stop begins

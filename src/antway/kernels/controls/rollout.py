@@ -204,7 +204,8 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
     At the end of each step, the time to go is the static one or, if that is more, the time that the plan still takes from its
     place at that time, plus the path to that place: behind a moving obstacle the static time is too short. The time that a car
     loses to turns is added. At the end of the sequence the time to go itself is added or, if that is more, the static one with
-    what the robot will still lose to ramps and turns: a robot that waits loses nothing to them, and need not take a run-up.
+    what the robot will still lose to ramps and turns: a robot that waits loses nothing to them, and need not take a run-up or,
+    where it has found no way (`ramps`), turn.
     What obstacles will cost afterwards is added (kernels/controls/afterwards.py). A robot that reaches the goal brakes as soon
     as a command given there acts; what it meets until it stands counts as before.
     """
@@ -251,7 +252,7 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
         cost += w.progress * value
         if left == 0:
             cost += cost_afterwards(at, problem, decay)
-            return cost + max(value, to_go + turning + lost_time(at, to_go, field, limits))
+            return cost + max(value, to_go + turning + w.ramps * lost_time(at, to_go, field, limits))
         if _exceeds(limit, cost, left, to_go, plan_to_go, dt, w.progress):
             return math.inf
     return cost + w.wall * decay * _stop_behind_wall(at, limits, field)

@@ -314,7 +314,7 @@ class ControlColony:
         if math.dist(observation.xy, self.task.goal) <= self.task.goal_tolerance:  # it has arrived, and stays
             self._stand_at_goal()
         self.problem, self.began = self.problem._replace(start=state), start
-        problem = self.problem._replace(weights=self._weights_now(start, state, rate))
+        problem = self.problem._replace(weights=self._weights_now(start, state, rate, len(knots) > 0))
         margins, outlook = self.margins, problem.outlook
         call(look_ahead, segments, sigma, start, problem.dt, problem.start, self.bounds, margins, change, outlook)
         if len(knots):
@@ -331,8 +331,8 @@ class ControlColony:
         one, two = self.archive.sequence[self.archive.order[0], 0].tolist()
         return commanded(one, two, observation.heading, self.robot)
 
-    def _weights_now(self, now: float, state: RobotState, turn_rate: float) -> CostWeights:
-        """Return the weights of costs where obstacles turn so often, 1/s.
+    def _weights_now(self, now: float, state: RobotState, turn_rate: float, has_plan: bool) -> CostWeights:
+        """Return the weights of costs where obstacles turn so often, 1/s, with or without a plan.
 
         The weight of risks is lower if the robot has not got nearer to the goal for long. Otherwise it might wait forever
         beside an obstacle that stands and whose velocity is not known well.
@@ -342,7 +342,8 @@ class ControlColony:
         if to_go < self.nearest - self.robot.dt or there:
             self.nearest, self.since = to_go, now
         caution = 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0)
-        return weights._replace(risk=weights.risk * caution, turn_risk=turn_rate * weights.turn_risk)
+        risks = {"risk": weights.risk * caution, "turn_risk": turn_rate * weights.turn_risk}
+        return weights._replace(**risks, ramps=float(has_plan))
 
     def others(self) -> NDArray[np.float64]:
         """Return the first commands of all sequences in the archive but the best, in the order of cost, float64[N, 2]."""
@@ -375,6 +376,7 @@ def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float
         wall_margin=o.wall_margin,
         wall_risk=o.wall_risk,
         wall_range=0.0,
+        ramps=1.0,
         off_plan=o.off_plan,
         stop=0.0 if swerve is None else o.stop,
         stopping_time=robot.latency + robot.dt,
