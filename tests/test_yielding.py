@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from antway import Grid, Moves, Scenario, World
+from antway.kernels.base.rng import make_state
 from antway.kernels.tracking.predict import NAME, RADIUS, X, Y
 from antway.policies.antway import yielding
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.nodes import make_context
 from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.antway.yielding import Yielding
-from antway.world.policy import XY, Task, Tracks
+from antway.policies.antway.yielding import Dance, Yielding
+from antway.world.policy import XY, Observation, Task, Tracks
 from antway.world.robots import load_robot
 from antway.world.stage import Stage
 from antway.world.trace import Outcome
@@ -89,3 +90,26 @@ def test_the_refuge_is_beside_the_way_out(came: bool) -> None:
 def test_a_robot_gives_no_way_where_the_other_can_pass(other: XY) -> None:
     """It stays where it is if he stands at its goal, or beside it, in a hall."""
     assert goes(Grid(np.zeros((40, 110), np.bool_), 0.1), (other[0] - 0.7, 2.0), other)[1] == []
+
+
+def stands(seed: int, passes: float = 0.0, hurries: float = 0.0) -> list[float]:
+    """Return when a robot stands that goes to and fro once in 2 s, as somebody else does before it.
+
+    He passes by at `passes` m/s besides, and the robot comes nearer to its goal by `hurries` s in each second.
+    """
+    task, dance, rng, times = Task(rooms(), load_robot("holonomic"), START, GOAL), Dance(), make_state(seed, 0), []
+    for n in range(100):
+        t, shift = 0.1 * n, abs(0.1 * n % 2.0 - 1.0)
+        if n % 3 == 0:
+            dance.update(task, 7.0 + shift - hurries * t, t, (2.0 - shift, 2.0))
+        other = Tracks(np.array([7]), np.array([[8.0 + shift, passes * t]]), np.zeros((1, 2)), np.array([0.3]))
+        if dance.stands(Observation(t, (2.0 - shift, 2.0), (0.0, 0.0), 0.0, other), 1.0, rng):
+            times.append(t)
+    return times
+
+
+def test_two_who_go_to_and_fro_before_one_another_stand_for_different_times() -> None:
+    """The robot drives on before somebody who passes, and if it comes nearer to its goal."""
+    times = [stands(seed) for seed in range(4)]
+    assert all(2.0 < one[0] < 5.0 and len(one) >= 10 for one in times) and len({len(one) for one in times}) > 1
+    assert stands(0) == times[0] and stands(0, passes=1.0) == stands(0, hurries=1.0) == []

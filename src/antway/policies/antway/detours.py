@@ -50,6 +50,8 @@ class Detours:
         How long obstacles have stayed (kernels/tracking/stays.py).
     due : float
         Time from which on the next scan is to be taken in, s.
+    to_go : float
+        The time to the goal at the last scan, s.
     """
 
     def __init__(
@@ -59,7 +61,7 @@ class Detours:
         self.times = [context.field for context in contexts]
         self.stays = make_table(_ROWS, stays.COLUMNS)
         self._expected: set[tuple[float, float]] = set()  # the stays that `times` count with
-        self.due = -math.inf
+        self.due, self.to_go = -math.inf, math.inf
         self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
         # The times of the last two updates by the disc, the nodes, and those left out; they seldom change from one to the next.
         self._before: dict[tuple[float, tuple[int, int], bytes], NDArray[np.float64]] = {}
@@ -72,7 +74,7 @@ class Detours:
         """
         self.due = t + _INTERVAL - 1e-6
         call(update_stays, self.stays, estimates, seen, t)
-        to_go = self._time_to_go(xy)
+        to_go = self.to_go = self._time_to_go(xy)
         if self._expected and not self._expected <= _stays(rows_in_use(self.stays)):
             return self._expect(t, xy, self.contexts)
         if to_go < self._nearest - _PROGRESS or to_go < _ARRIVED:

@@ -226,6 +226,7 @@ class AntwayPolicy:
             s = self._state
         drive = self._follow_plan if s.controls is None else self._roll_out
         command, what = drive(observation)
+        command = Command((0.0, 0.0)) if s.dance.stands(observation, s.task.robot.v_max, s.rng) else command
         # Which track is which is a guess where the sensor gives no names: nothing is proven by it.
         command = self._guarded(as_sensed if self.mode == "strict" else observation, command)
         guard_did = "" if self.guard is None else self.guard.did
@@ -282,6 +283,7 @@ class AntwayPolicy:
         """If obstacles have stayed where they are for long, plan anew with times that count with that, or give way to one."""
         s, t = self._state, float(o.sensed_at)
         is_new = s.detours.update(s.tracker.estimates, s.tracker.last_seen, t, o.xy)
+        s.dance.update(s.task, s.detours.to_go, t, o.xy)
         if (task := s.yielding.next_task(s.task, s.detours, t, o.xy)) is not s.task:
             self._start(task, s.seed, s.response, s)
         elif is_new:
@@ -296,9 +298,8 @@ class AntwayPolicy:
 
     def _follow_plan(self, o: Observation) -> tuple[Command, int]:
         """Plan; return the command that follows the plan, and what was done with the plan."""
-        age = o.t - o.sensed_at
-        vx, vy, what = self._plan(o, age)
-        return Command(self._aside(o, age, (vx, vy))), what
+        vx, vy, what = self._plan(o, o.t - o.sensed_at)
+        return Command(self._aside(o, o.t - o.sensed_at, (vx, vy))), what
 
     def _roll_out(self, o: Observation) -> tuple[Command, int]:
         """Do as `_follow_plan`, but the ants in the space of controls find the command."""
@@ -405,7 +406,7 @@ class AntwayPolicy:
             )
             s.decision = explain(snapshot, s.path, arrival - t, bound - t, s.guard_did, self.pheromone(), self.memory())
             why, doubt = self.guard.why if self.guard else "", _DOUBT if s.tracker.doubts_velocities else ""
-            notes = s.decision.reason, why, str(s.yielding), str(s.response), doubt
+            notes = s.decision.reason, why, str(s.yielding), str(s.dance), str(s.response), doubt
             s.decision = replace(s.decision, reason="; ".join(filter(None, notes)))
         return s.decision
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.response import Response
 from antway.policies.antway.tracker import MOST_ROWS, ROWS, Tracker, longer, longer_table
-from antway.policies.antway.yielding import Yielding
+from antway.policies.antway.yielding import Dance, Yielding
 from antway.policies.guard import relative_swerve
 from antway.world.ants import LaidTrails
 from antway.world.policy import Decision, Observation, RobotSpec, Task
@@ -57,6 +57,8 @@ class State:
         Times to the goal that count with obstacles which stay.
     yielding : Yielding
         What the robot waits for, and what it was asked for while it gives way.
+    dance : Dance
+        Whether the robot stands because it and somebody else went to and fro before one another.
     controls : ControlColony or None
         What drives a robot with inertia or wheels.
     started : float
@@ -89,6 +91,7 @@ class State:
     detours: Detours
     response: Response
     yielding: Yielding
+    dance: Dance = field(default_factory=Dance)
     controls: ControlColony | None = None
     started: float = math.nan
     path: TimedPath | None = None

@@ -1,19 +1,23 @@
-"""Giving way: out of a passage of one width in which the robot and somebody else wait for one another."""
+"""Giving way: out of a passage of one width in which the robot and somebody else wait for one another, and after a dance."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from antway.kernels.base.jit import call
+from antway.kernels.base.rng import State, uniform
 from antway.kernels.tracking import stays
 from antway.kernels.tracking.table import NAMED, SEEN, rows_in_use
 from antway.policies.antway.detours import Detours, middles, node_near, without
 from antway.search.sipp import timed_field
-from antway.world.policy import XY, Task
+from antway.world.policy import XY, Observation, Task
 
 _WAIT = 5.0  # s; who has stayed for this long may wait for the robot, and the robot for him
 _UNSURE = 20.0  # s; the same for somebody who was not seen to come, or who could be passed although the robot does not
@@ -21,6 +25,12 @@ _LONGEST = 40.0  # s; if the other does not use the room, the robot waits for tw
 _GAP = 0.3  # m; gap that the robot leaves to the other who passes it
 _TOLERANCE = 0.15  # m; the robot drives to its refuge as nearly as this
 _WALKS = 2.0  # s; whoever has stayed where he is for less than this may be walking
+_SCANS = 9  # number of scans, a quarter of a second apart, by which it is told whether the robot goes to and fro
+_MOVES = 0.25  # of the robot's top speed; it moves at least as fast then, and the other gets away more slowly, on the mean
+_TO_AND_FRO = 0.35  # of its way; it ends up nearer than that to where it began
+_PROGRESS = 0.3  # s; it has come nearer to the goal by no more than that
+_AGAIN = 1.0  # s; the other is seen again after this time
+_PAUSE = 1.0, 3.0  # s; the robot then stands for a time between these
 
 
 class Yielding:
@@ -103,6 +113,54 @@ class Yielding:
         self._other = float(rows[k, NAMED])
         row, col = divmod(best, context.cols)
         return context.x0 + col * size, context.y0 + row * size
+
+
+class Dance:
+    """Tells when the robot and somebody else go to and fro before one another, and lets the robot stand for a while then.
+
+    Two who plan alike give way to one another at the same time, see that, and both drive on. So the robot stands once it sees
+    him again, for a time that is drawn: one of the two drives on first, and the other gives way to him alone. This is for
+    robots that can take any velocity at once; others hesitate by themselves.
+
+    Attributes
+    ----------
+    until : float
+        The robot stands up to this time, s.
+    """
+
+    def __init__(self) -> None:
+        self.until = self._expires = -math.inf  # s; up to when the robot counts as going to and fro
+        self._scans: deque[tuple[float, XY, float]] = deque(maxlen=_SCANS)  # time, place and time to the goal at the last scans
+        self._first: dict[int, tuple[float, XY]] = {}  # when and where each obstacle was first seen since the robot does
+
+    def __str__(self) -> str:
+        return "" if self.until == -math.inf else "the robot waits, as it and another go to and fro before one another"
+
+    def update(self, task: Task, to_go: float, t: float, xy: XY) -> None:
+        """Take in that the robot is at `xy` at the time `t` s of a scan, `to_go` s before the goal."""
+        self._scans.append((t, xy, to_go))
+        since, place, before = self._scans[0]
+        driven = sum(math.dist(one[1], after[1]) for one, after in pairwise(self._scans))
+        moves = task.robot.stepwise and len(self._scans) == _SCANS and driven > _MOVES * task.robot.v_max * (t - since)
+        if moves and math.dist(place, xy) < _TO_AND_FRO * driven and to_go > before - _PROGRESS:
+            self._expires = t + _WAIT
+
+    def stands(self, o: Observation, v_max: float, rng: State) -> bool:
+        """Tell whether the robot, whose top speed is `v_max` m/s, is to stand now."""
+        if o.t < self.until:
+            return True
+        self.until = -math.inf
+        if o.t > self._expires:
+            self._first.clear()
+            return False
+        for name, place in zip(o.tracks.id.tolist(), o.tracks.xy.tolist(), strict=True):
+            since, first = self._first.setdefault(name, (o.t, place))
+            if o.t - since > _AGAIN and math.dist(first, place) < _MOVES * v_max * (o.t - since):
+                self.until = o.t + _PAUSE[0] + (_PAUSE[1] - _PAUSE[0]) * float(call(uniform, rng))
+                self._expires = -math.inf
+                self._scans.clear()
+                return True
+        return False
 
 
 class _Paths:
