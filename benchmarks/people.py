@@ -11,6 +11,7 @@ noisy-places    both: no velocities, and places that are wrong by 0.05 m, which 
 zero-velocity   all velocities are reported as 0
 noisy-velocity  velocities are wrong by 0.5 m/s, and no covariance tells it
 late-velocity   velocities are averages over half a second
+noisy-tracks    places are wrong by 0.03 m and velocities by 0.25 m/s, and no covariance tells it
 nameless        nobody has a number
 swaps           in one of twenty scans, two obstacles swap their numbers for good
 radius          each scan has other radii, wrong by up to 20 %
@@ -92,6 +93,7 @@ def circles(scenario: Scenario) -> Scenario:
 CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
     "noise": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05)),
     "noisy-places": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05, velocity="none")),
+    "noisy-tracks": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.03, velocity_noise=0.25)),
     "no-velocity": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, velocity="none")),
     "untold": lambda scenario: replace(scenario, obstacle_speed=1.5, obstacle_surge=math.inf, obstacle_swerve=math.inf),
     "circles": circles,
@@ -130,6 +132,7 @@ def late(rng: np.random.Generator) -> Told:
 TOLD: dict[str, Callable[[np.random.Generator], Told]] = {
     "noise": lambda rng: lambda tracks: replace(tracks, covariance=None),
     "noisy-places": lambda rng: lambda tracks: replace(tracks, covariance=None),
+    "noisy-tracks": lambda rng: lambda tracks: replace(tracks, covariance=None),
     "nameless": lambda rng: lambda tracks: replace(tracks, id=np.full(len(tracks), -1)),
     "swaps": swaps,
     "zero-velocity": lambda rng: lambda tracks: replace(tracks, velocity=np.zeros((len(tracks), 2))),

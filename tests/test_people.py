@@ -266,7 +266,7 @@ def test_the_nearest_of_all_pairs_keeps_its_name_first() -> None:
         n = len(xy)
         tracks = Tracks(np.full(n, -1), np.array(xy), np.tile((1.0, 0.0), (n, 1)), np.full(n, 0.3))
         seen = tracker.corrected(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks))
-        tracker.update(seen.tracks, t)
+        tracker.update(seen.tracks, t, AIR)
         return seen.tracks.id.tolist()
 
     a, b = names(0.0, [(1.0, 1.0), (4.0, 1.0)])
@@ -285,7 +285,7 @@ def test_covariances_that_are_too_large_are_scaled_down(wrong: float) -> None:
     for i in range(60):
         xy = np.arange(12.0).reshape(6, 2) + 0.1 * i + rng.normal(0.0, wrong, (6, 2))
         for tracker in trackers:
-            tracker.update(Tracks(np.arange(6), xy, np.ones((6, 2)), np.full(6, 0.3), covariance), 0.1 * i)
+            tracker.update(Tracks(np.arange(6), xy, np.ones((6, 2)), np.full(6, 0.3), covariance), 0.1 * i, AIR)
     relaxed, strict = (tracker.estimates[:, SIGMA].max() for tracker in trackers)
     assert (0.02 < relaxed < 0.15 if wrong else relaxed < 0.01) and strict > 0.2
     assert trackers[0].estimates[0, SIGMA_V] < 0.5
@@ -298,7 +298,7 @@ def test_covariances_count_in_every_direction() -> None:
         covariance[0, 1, 3] = covariance[0, 3, 1] = 0.001 * filtered
         tracker = Tracker()
         for place in (0.0, 0.5):  # the output of a filter replaces the estimate
-            tracker.update(Tracks([7], [[place, 0.0]], [[0.0, 0.0]], [0.3], covariance), place)
+            tracker.update(Tracks([7], [[place, 0.0]], [[0.0, 0.0]], [0.3], covariance), place, AIR)
         assert tracker.estimates[0, SIGMA_V] == pytest.approx(0.4) if filtered else tracker.estimates[0, SIGMA_V] < 0.39
         assert (tracker.estimates[0, X] == 0.5) == filtered
 
@@ -326,7 +326,8 @@ def test_half_a_velocity_is_none(half: tuple[float, float]) -> None:
         tracker = Tracker()
         for k in range(10):
             tracks = Tracks([3], [[1.0 + 0.1 * k, 2.0]], [told], [0.3])
-            tracker.update(tracker.corrected(Observation(0.1 * k, (0.0, 0.0), (0.0, 0.0), 0.0, tracks)).tracks, 0.1 * k)
+            seen = tracker.corrected(Observation(0.1 * k, (0.0, 0.0), (0.0, 0.0), 0.0, tracks))
+            tracker.update(seen.tracks, 0.1 * k, AIR)
         found.append(tracker.estimates.copy())
     assert np.isfinite(found[1]).all() and np.array_equal(*found)
 
@@ -361,7 +362,7 @@ def test_whatever_names_a_sensor_gives_a_body_keeps_its_own() -> None:
             tracks = Tracks(given[seen], xy[seen], velocity[seen], np.full(len(seen), 0.3))
             found = tracker.corrected(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks)).tracks
             assert found.id.tolist() == seen.tolist()
-            tracker.update(found, t)
+            tracker.update(found, t, AIR)
             t, xy = t + 0.1, xy + velocity * 0.1
 
 
@@ -386,7 +387,7 @@ def test_a_name_is_believed_where_no_other_track_is_nearer() -> None:
         n = len(x)
         tracks = Tracks(np.array(ids), np.column_stack((x, np.ones(n))), np.tile((1.0, 0.0), (n, 1)), np.full(n, 0.3))
         seen = tracker.corrected(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks))
-        tracker.update(seen.tracks, t)
+        tracker.update(seen.tracks, t, AIR)
         return seen.tracks.id.tolist()
 
     assert names(0.0, [4, 5], [1.0, 6.0]) == [4, 5]
@@ -396,26 +397,37 @@ def test_a_name_is_believed_where_no_other_track_is_nearer() -> None:
 
 
 @pytest.mark.parametrize("measured", [True, False])
-def test_places_of_noise_are_told_from_their_innovations(measured: bool) -> None:
-    """The noise of places is found to within a third, with velocities or without; exact places have next to none."""
+def test_noise_is_told_from_innovations(measured: bool) -> None:
+    """That of places is found to within a third, with velocities or without, and that of velocities; exact ones have none."""
     rng = np.random.default_rng(3)
-    for sigma in (0.0, 0.02, 0.05, 0.1):
+    for sigma, speed in ((0.0, 0.0), (0.02, 0.0), (0.02, 0.1), (0.05, 0.1), (0.05, 0.3), (0.1, 0.3)):
         xy, v, t, scans = rng.uniform(0, 9, (8, 2)), rng.uniform(-1, 1, (8, 2)), 0.0, []
         for _ in range(300):
             v = np.where(rng.random((8, 1)) < 0.03, rng.uniform(-1, 1, (8, 2)), v)
-            velocity = v.copy() if measured else np.full((8, 2), math.nan)
+            velocity = v + rng.normal(0.0, 1.0, (8, 2)) * speed if measured else np.full((8, 2), math.nan)
             scans.append((t, np.arange(8), xy + rng.normal(0, sigma, (8, 2)) if sigma else xy.copy(), velocity))
             dt = 0.1 if measured else rng.uniform(0.05, 0.2)
             xy, t = xy + v * dt, t + dt
-        table, state, found = make_table(16, noise.COLUMNS), np.zeros(2), []
+        table, state, found = make_table(16, noise.COLUMNS), np.zeros(noise.STATE), []
         for t, ids, places, velocity in scans:
-            found.append(noise.place_noise(*table[:2], state, t, ids, places, velocity))
-        late = noise.place_noise(*table[:2], state, t + 0.6, ids, places + 5.0, velocity)
+            found.append(noise.measured_noise(*table[:2], state, t, ids, places, velocity))
+        late = noise.measured_noise(*table[:2], state, t + 0.6, ids, places + 5.0, velocity)
         assert late == found[-1], "places that are so far apart in time are not compared"
-        slow = naive.place_noise(scans)
-        assert math.sqrt(found[-1]) == pytest.approx(sigma, rel=0.34, abs=1e-3)
-        assert measured or math.sqrt(found[20]) == pytest.approx(sigma, rel=0.5, abs=5e-3)  # after two seconds
-        assert math.sqrt(slow) == pytest.approx(sigma, rel=0.1, abs=1e-3)
+        slow = naive.measured_noise(scans)
+        assert np.sqrt(np.mean(found[-100:], axis=0)) == pytest.approx([sigma, speed if measured else 0.0], rel=0.2, abs=1e-3)
+        assert math.sqrt(found[20][0]) == pytest.approx(sigma, rel=0.5, abs=5e-3)  # after two seconds
+        assert np.sqrt(slow) == pytest.approx([sigma, speed if measured else 0.0], rel=0.1, abs=1e-3)
+
+
+def test_velocities_that_lead_to_exact_places_are_exact() -> None:
+    """Whoever sways changes a velocity in each scan, but is where it leads: there is no noise, though it looks like 0.1 m/s."""
+    table, state, xy, rng = make_table(16, noise.COLUMNS), np.zeros(noise.STATE), np.arange(16.0).reshape(8, 2), np.random.default_rng(1)
+    velocity = np.ones((8, 2))
+    for i in range(100):
+        assert noise.measured_noise(*table[:2], state, 0.1 * i, np.arange(8), xy, velocity) == (0.0, 0.0)
+        before, velocity = velocity, 1.0 + rng.normal(0.0, 0.1, (8, 2))
+        xy = xy + 0.05 * (before + velocity)
+    assert math.sqrt(state[noise.VELOCITY] / noise.MEDIAN) == pytest.approx(0.1, rel=0.4)
 
 
 WRONG_VELOCITIES: dict[str, Callable[[np.ndarray, np.random.Generator], np.ndarray]] = {

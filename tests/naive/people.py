@@ -6,6 +6,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
+from scipy import stats
 
 from naive.guard import driven
 
@@ -119,8 +120,8 @@ def turns(scans, side, radius, least=0.7, gap=0.3, first=10.0):
     return len(turned) / (first + sum(other[0] - one[0] for one, other in pairs)), sum(turned) / max(len(turned), 1)
 
 
-def place_noise(scans) -> float:
-    """Variance of places from scans (t, ids, xy, velocity): the true median of all squared innovations.
+def measured_noise(scans) -> tuple[float, float]:
+    """Variances of places and velocities from scans (t, ids, xy, velocity): true medians of squared innovations and changes.
 
     Velocities of NaN are taken from the two places before; the squares are then divided by their mean in units of the variance.
     """
@@ -128,16 +129,40 @@ def place_noise(scans) -> float:
     for t, ids, xy, velocity in scans:
         for name, place, speed in zip(ids, xy, velocity):
             tracks.setdefault(int(name), []).append((t, place, speed))
-    squares = []
+    squares, changes = [], [0.0]
     for places in tracks.values():
         for (t1, x1, v1), (t2, x2, v2) in pairwise(places):
             if not np.isnan(v1[0]):
                 squares.append(((x2 - x1 - (v1 + v2) / 2 * (t2 - t1)) ** 2).sum() / 4.0)
+                changes.append(((v2 - v1) ** 2).sum() / 4.0)
         for (t0, x0, v0), (t1, x1, _), (t2, x2, _) in zip(places, places[1:], places[2:]):
             if np.isnan(v0[0]):
                 weights = np.array([(t2 - t1) / (t1 - t0), -(t2 - t0) / (t1 - t0), 1.0])
                 squares.append(((weights @ np.array([x0, x1, x2])) ** 2).sum() / (2.0 * (weights**2).sum()))
-    return float(np.median(squares)) / math.log(2.0)
+    return float(np.median(squares)) / math.log(2.0), float(np.median(changes)) / math.log(2.0)
+
+
+def bounced(state, radius, side, dt, xy, velocity, deviations) -> tuple[list[float], bool]:
+    """Where a track (x, y, vx, vy) in a square hall would be after `dt` s, and whether the scan says that it has bounced.
+
+    Its motion is followed in small steps for half as long again, and mirrored at the first side that it touches. Both futures
+    are judged by the normal densities of the place and, unless it is NaN, the velocity, with these deviations.
+    """
+    x, v = np.array(state[:2]), np.array(state[2:])
+    futures = [np.concatenate((x + v * dt, v))]
+    steps = x + np.linspace(0.0, 1.5 * dt, 20_001)[:, None] * v
+    outside = (steps < radius) & (v < 0.0) | (steps > side - radius) & (v > 0.0)
+    if outside.any():
+        first = outside.any(axis=1).argmax()
+        axis = outside[first].argmax()
+        mirrored = futures[0].copy()
+        mirrored[axis] = 2.0 * steps[first, axis] - mirrored[axis]
+        mirrored[axis + 2] *= -1.0
+        futures.append(mirrored)
+    measured = np.concatenate((xy, velocity))
+    chances = [np.nansum(stats.norm.logpdf(measured, one, np.repeat(deviations, 2))) for one in futures]
+    best = int(np.argmax(chances))
+    return futures[best].tolist(), best == 1
 
 
 def velocities_are_wrong(scans, memory=0.995, enough=10.0, least=0.03, most=1.0, far=0.5) -> list[bool]:

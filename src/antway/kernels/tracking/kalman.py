@@ -11,8 +11,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.geometry import reflected, wall_ahead
+from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.kalman import measure_place
+from antway.kernels.base.records import Terrain
+from antway.kernels.tracking.noise import EXACT
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import Table, drop_lost, row_of, row_or_oldest
 
@@ -23,6 +26,7 @@ COLUMNS = 12  # of the track table
 UNKNOWN = 1.0  # m/s; standard deviation of the velocity of a track that was seen once without a measured velocity
 FAR = 0.3  # m; a track farther than this from its predicted place may be another one
 _SHRINK = 0.1  # 1; a radius grows at once, and shrinks by this share of the difference with each scan
+_AHEAD = 1.5  # 1; a bounce is looked for on the motion until now times this: places are wrong.
 _TURNED = 4.0  # standard deviations; a track farther than this from its predicted place has turned
 
 
@@ -112,6 +116,60 @@ def update(
         estimate[SIGMA_V] = math.sqrt(max(row[P22], 0.0))
         fastest = max(fastest, math.hypot(row[VX], row[VY]))
     return known_tracks, fastest, measured
+
+
+@kernel
+def bounce(
+    rows: NDArray[np.float64],
+    used: NDArray[np.int64],
+    terrain: Terrain,
+    t: float,
+    name: NDArray[np.int64],
+    xy: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    variance: NDArray[np.float64],
+) -> None:
+    """Mirror the tracks that a scan shows to have bounced off a wall, so that they move on to where they are after it.
+
+    Where places are noisy, the filter would take a second to find their new velocity. A track has bounced if it would be at a
+    wall by now, and the scan is more likely if it has.
+
+    Parameters
+    ----------
+    rows, used
+        Of the track table.
+    terrain : Terrain
+    t, name, xy, velocity, variance
+        The scan, as in `update`.
+    """
+    for k in range(len(name)):
+        i = row_of(Table(rows, used, NAME), float(name[k]))
+        if i < 0 or t <= rows[i, T] or variance[k, 0] <= EXACT:
+            continue
+        row, dt = rows[i], t - rows[i, T]
+        dx, dy = row[VX] * _AHEAD * dt, row[VY] * _AHEAD * dt
+        share, n_x, n_y = wall_ahead(terrain, row[X], row[Y], dx, dy, row[RADIUS])
+        if share > 1.0:
+            continue
+        back_x, back_y = reflected(share * dx, share * dy, n_x, n_y)
+        x, y = row[X] + share * dx - back_x, row[Y] + share * dy - back_y  # the mirror image, behind the wall
+        vx, vy = reflected(row[VX], row[VY], n_x, n_y)
+        measured = xy[k, 0], xy[k, 1], velocity[k, 0], velocity[k, 1]
+        place, speed = row[P11] + variance[k, 0], row[P22] + variance[k, 1]
+        straight = _unlikely(measured, row[X] + row[VX] * dt, row[Y] + row[VY] * dt, row[VX], row[VY], place, speed)
+        if _unlikely(measured, x + vx * dt, y + vy * dt, vx, vy, place, speed) < straight:
+            row[X], row[Y], row[VX], row[VY] = x, y, vx, vy
+
+
+@bare_kernel
+def _unlikely(
+    measured: tuple[float, float, float, float], x: float, y: float, vx: float, vy: float, place: float, speed: float
+) -> float:
+    """Return how unlikely a measured place and velocity are if others are expected: the sum of squares over the variances."""
+    squares = ((measured[0] - x) ** 2 + (measured[1] - y) ** 2) / place
+    if math.isnan(measured[2] + measured[3]):
+        return squares
+    return squares + ((measured[2] - vx) ** 2 + (measured[3] - vy) ** 2) / speed
 
 
 @kernel

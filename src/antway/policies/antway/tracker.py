@@ -52,7 +52,7 @@ class Tracker:
         self._estimates = np.zeros((ROWS, 8))
         self.estimates = self._estimates[:0]
         self.averages = make_table(ROWS, averages.COLUMNS)
-        self._measured, self._noise = make_table(MOST_ROWS, noise.COLUMNS), np.zeros(2)  # see kernels/tracking/noise.py
+        self._measured, self._noise = make_table(MOST_ROWS, noise.COLUMNS), np.zeros(4)  # see kernels/tracking/noise.py
         self._last, self._errors = make_table(MOST_ROWS, reported.COLUMNS), np.zeros(3)  # see kernels/tracking/reported.py
         self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
         self._seen = make_table(ROWS, changes.COLUMNS)  # see kernels/tracking/changes.py
@@ -81,10 +81,12 @@ class Tracker:
         self.averages.used[0], self._seen.used[0], self.fastest = 0, 0, 0.0
         self.pool, self._turns = np.zeros(averages.POOL), np.array([changes.FIRST_SECONDS, 0.0, 0.0])
 
-    def update(self, tracks: Tracks, t: float) -> None:
+    def update(self, tracks: Tracks, t: float, terrain: Terrain) -> None:
         """Update the estimates with a scan at time `t` s."""
-        scan = tracks.id, tracks.xy, tracks.velocity, tracks.radius, self._variances(tracks, t)
+        variance = self._variances(tracks, t)
+        scan = tracks.id, tracks.xy, tracks.velocity, tracks.radius, variance
         rows, used, _ = self.table
+        call(kalman.bounce, rows, used, terrain, t, *scan[:3], variance)
         known, fastest, self._has_velocities = kalman.update(rows, used, t, *scan, _AGILITY, self._estimates)
         self.estimates, self.fastest = self._estimates[:known], max(self.fastest, fastest)
 
@@ -126,14 +128,13 @@ class Tracker:
             variance[:, 0], variance[:, 1] = tracks.variances(0), tracks.variances(2)
             # Many trackers state errors that are far too large. What a filter shows is smoother than its errors.
             if not self._strict and len(tracks) and not filtered.any():
-                self._noise[0] = self._noise[0] or noise.MEDIAN * float(np.median(variance[:, 0]))
-                shown = noise.place_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
+                self._noise[noise.PLACE] = self._noise[noise.PLACE] or noise.MEDIAN * float(np.median(variance[:, 0]))
+                shown, _ = noise.measured_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
                 variance *= np.minimum(shown / np.maximum(variance[:, :1], 1e-12), 1.0)
                 variance[:, 1] = np.minimum(variance[:, 1], _MEASURED)
             variance[filtered] *= -1.0
         else:
-            variance[:, 0] = noise.place_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
-            variance[:, 1] = 0.0
+            variance[:] = noise.measured_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
         return variance
 
     def for_guard(self, seen: Observation, strict: bool) -> Observation:
@@ -142,7 +143,7 @@ class Tracker:
         A strict guard keeps the measurements, because estimates from wrong velocities would drift away from them; they get the
         covariance that their innovations show.
         """
-        noisy, covariance = self._noise[0] > _NOISY, seen.tracks.covariance
+        noisy, covariance = self._noise[noise.PLACE] > _NOISY, seen.tracks.covariance
         if strict and covariance is None:
             return self._with_noise(seen) if noisy else seen
         if covariance is not None or noisy or not self._has_velocities:
