@@ -6,6 +6,7 @@ of the last policy where both arrive, and the failures by cause. The figures of 
 worlds that no suite has:
 
 noise           places are wrong by 0.05 m, and no covariance tells it
+noisy-zeros     places are wrong by 0.03 m, all velocities are reported as 0, and no covariance tells it
 no-velocity     the sensor gives no velocities
 noisy-places    both: no velocities, and places that are wrong by 0.05 m, which no covariance tells
 zero-velocity   all velocities are reported as 0
@@ -94,6 +95,7 @@ CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
     "noise": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05)),
     "noisy-places": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05, velocity="none")),
     "noisy-tracks": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.03, velocity_noise=0.25)),
+    "noisy-zeros": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.03)),
     "no-velocity": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, velocity="none")),
     "untold": lambda scenario: replace(scenario, obstacle_speed=1.5, obstacle_surge=math.inf, obstacle_swerve=math.inf),
     "circles": circles,
@@ -133,6 +135,7 @@ TOLD: dict[str, Callable[[np.random.Generator], Told]] = {
     "noise": lambda rng: lambda tracks: replace(tracks, covariance=None),
     "noisy-places": lambda rng: lambda tracks: replace(tracks, covariance=None),
     "noisy-tracks": lambda rng: lambda tracks: replace(tracks, covariance=None),
+    "noisy-zeros": lambda rng: lambda tracks: replace(tracks, velocity=np.zeros((len(tracks), 2)), covariance=None),
     "nameless": lambda rng: lambda tracks: replace(tracks, id=np.full(len(tracks), -1)),
     "swaps": swaps,
     "zero-velocity": lambda rng: lambda tracks: replace(tracks, velocity=np.zeros((len(tracks), 2))),

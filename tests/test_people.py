@@ -451,13 +451,14 @@ def test_velocities_that_do_not_fit_places_are_noticed(how: str) -> None:
             scans.append((t, np.flatnonzero(seen), places[seen], told[seen]))
             dt = float(rng.choice([0.1, 0.2, 0.6], p=[0.8, 0.18, 0.02]))
             xy, t = xy + v * dt, t + dt
-        table, state = make_table(16, reported.COLUMNS), np.zeros(3)
-        found = [reported.wrong(*table[:2], state, *scan) for scan in scans]
-        assert found == naive.velocities_are_wrong(scans)
-        if how in WRONG_VELOCITIES:
-            assert all(found[10:])
-        else:
-            assert not any(found)
+        for span in reported.SPANS:
+            table, state = make_table(16, reported.COLUMNS), np.zeros(3)
+            found = [reported.wrong(*table[:2], state, *scan, span) for scan in scans]
+            assert found == naive.velocities_are_wrong(scans, *span)
+            if how in WRONG_VELOCITIES and span[0] == 0.0:
+                assert all(found[10:])
+            elif how in ("right", "none", "of noisy places"):
+                assert not any(found)
 
 
 @pytest.mark.parametrize("robot", ["", "diff"])

@@ -165,22 +165,32 @@ def bounced(state, radius, side, dt, xy, velocity, deviations) -> tuple[list[flo
     return futures[best].tolist(), best == 1
 
 
-def velocities_are_wrong(scans, memory=0.995, enough=10.0, least=0.03, most=1.0, far=0.5) -> list[bool]:
-    """After each scan (t, ids, xy, velocity): whether reported velocities foretold worse than the two places before did."""
-    past, errors, out = {}, [], []  # of each track: all its (t, place, velocity); errors: (reported, between)
+def velocities_are_wrong(scans, span, enough, times, memory=0.995, least=0.03, most=1.0, far=0.5) -> list[bool]:
+    """After each scan (t, ids, xy, velocity): whether reported velocities foretold worse than the two places before did.
+
+    Places at least `span` s apart are compared, with how far the velocities reported between them have led; after a gap of more
+    than `far` s a span begins anew.
+    """
+    past, errors, out = {}, [], []  # of each track: its spans, each a list of (t, place, velocity); errors: (reported, between)
     for t, ids, xy, velocity in scans:
         for name, place, speed in zip(ids, xy, velocity):
-            places = past.setdefault(int(name), [])
-            places.append((t, place, speed))
-            if len(places) > 2:
-                (t0, x0, _), (t1, x1, v1), _ = places[-3:]
-                found = (place - x1) / (t - t1)
-                both = math.dist(found, v1), math.dist(found, (x1 - x0) / (t1 - t0))
-                if t - t1 <= far and not any(map(math.isnan, both)):
+            spans = past.setdefault(int(name), [[]])
+            spans[-1].append((t, place, speed))
+            (start, x1, _), (last, _, _) = spans[-1][0], spans[-1][-2 if len(spans[-1]) > 1 else -1]
+            if t == start or (t - start < span - 1e-6 and t - last <= far):
+                continue
+            led = sum(v * (later - now) for (now, _, v), (later, _, _) in pairwise(spans[-1]))
+            found = (place - x1) / (t - start)
+            if len(spans) > 1:
+                before = spans[-2]
+                known = (before[-1][1] - before[0][1]) / (before[-1][0] - before[0][0])
+                both = math.dist(found, led / (t - start)), math.dist(found, known)
+                if t - last <= far and not any(map(math.isnan, both)):
                     errors.append(np.minimum(both, most))
+            spans.append([(t, place, speed)])
         weights = memory ** np.arange(len(errors))[::-1]
         reported, between = weights @ errors if errors else (0.0, 0.0)
-        out.append(weights.sum() >= enough and reported > 2.0 * between + least * weights.sum())
+        out.append(weights.sum() >= enough and reported > times * between + least * weights.sum())
     return out
 
 

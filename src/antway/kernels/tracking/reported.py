@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import kernel
 from antway.kernels.tracking.table import NAMED, SEEN, Table, row_or_oldest
 
-# Columns of a row after NAMED and SEEN: the last place of a track, the velocity reported then, and that from the place before.
-_X, _Y, _VX, _VY, _PX, _PY = range(2, 8)
-COLUMNS = 8
+# Columns of a row after NAMED and SEEN: when and where a track was at the beginning of a span, how far reported velocities have
+# led since then, the velocity reported last, and that between the places of the span before.
+_SINCE, _X, _Y, _DX, _DY, _VX, _VY, _PX, _PY = range(2, 11)
+COLUMNS = 11
+# Spans (s), the number of comparisons before reported velocities can be found wrong, and how many times as wrong as places they
+# are then. From scan to scan every error shows at once, if places are exact. In half a second zeros show though places are noisy.
+SPANS = ((0.0, 10.0, 2.0), (0.5, 3.0, 1.3))
 _MEMORY = 0.995  # 1; with each comparison, earlier ones count this much less
-_ENOUGH = 10.0  # number of comparisons before reported velocities can be found wrong
 _LEAST = 0.03  # m/s; a smaller error does not matter
 _MOST = 1.0  # m/s; a larger error counts as this, because somebody turned or jumped
 _FAR = 0.5  # s; an older measurement is not compared
@@ -29,10 +32,11 @@ def wrong(
     name: NDArray[np.int64],
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
+    span: tuple[float, float, float],
 ) -> bool:
     """Tell, after one more scan, whether reported velocities foretell places worse than the two places before do.
 
-    They are wrong if their mean error is more than twice that of the velocity between the two places before.
+    They are wrong if their mean error is more than a few times that of the velocity between the two places before.
 
     Parameters
     ----------
@@ -42,24 +46,31 @@ def wrong(
         Number of comparisons, and the sums of both errors, m/s; zeros at first.
     t, name, xy, velocity
         The scan, as in kernels/tracking/kalman.py; a velocity of NaN is not reported.
+    span : (float, float, float)
+        Of SPANS. The table and the state are of this span alone.
     """
+    least, enough, times = span
     for k in range(len(name)):
         px, py = math.nan, math.nan
         i, is_new = row_or_oldest(Table(rows, used, NAMED), float(name[k]))
         row = rows[i]
         if not is_new:
-            dt = t - row[SEEN]
+            dt, between = t - row[SEEN], t - row[_SINCE]
             if dt <= 0.0:
                 continue  # this scan was processed before
-            px, py = (xy[k, 0] - row[_X]) / dt, (xy[k, 1] - row[_Y]) / dt
-            reported = math.hypot(px - row[_VX], py - row[_VY])
-            between = math.hypot(px - row[_PX], py - row[_PY])
-            if dt <= _FAR and not math.isnan(reported + between):
+            row[_DX], row[_DY] = row[_DX] + row[_VX] * dt, row[_DY] + row[_VY] * dt
+            if between < least - 1e-6 and dt <= _FAR:
+                row[SEEN], row[_VX], row[_VY] = t, velocity[k, 0], velocity[k, 1]
+                continue
+            px, py = (xy[k, 0] - row[_X]) / between, (xy[k, 1] - row[_Y]) / between
+            by_velocities = math.hypot(px - row[_DX] / between, py - row[_DY] / between)
+            by_places = math.hypot(px - row[_PX], py - row[_PY])
+            if dt <= _FAR and not math.isnan(by_velocities + by_places):
                 state *= _MEMORY
                 state[0] += 1.0
-                state[1] += min(reported, _MOST)
-                state[2] += min(between, _MOST)
-        row[NAMED], row[SEEN], row[_X], row[_Y] = name[k], t, xy[k, 0], xy[k, 1]
+                state[1] += min(by_velocities, _MOST)
+                state[2] += min(by_places, _MOST)
+        row[NAMED], row[SEEN], row[_SINCE], row[_X], row[_Y], row[_DX], row[_DY] = name[k], t, t, xy[k, 0], xy[k, 1], 0.0, 0.0
         row[_VX], row[_VY], row[_PX], row[_PY] = velocity[k, 0], velocity[k, 1], px, py
-    found: bool = state[0] >= _ENOUGH and state[1] > 2.0 * state[2] + _LEAST * state[0]
+    found: bool = state[0] >= enough and state[1] > times * state[2] + _LEAST * state[0]
     return found

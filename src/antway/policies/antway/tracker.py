@@ -52,8 +52,9 @@ class Tracker:
         self._estimates = np.zeros((ROWS, 8))
         self.estimates = self._estimates[:0]
         self.averages = make_table(ROWS, averages.COLUMNS)
-        self._measured, self._noise = make_table(MOST_ROWS, noise.COLUMNS), np.zeros(4)  # see kernels/tracking/noise.py
-        self._last, self._errors = make_table(MOST_ROWS, reported.COLUMNS), np.zeros(3)  # see kernels/tracking/reported.py
+        self._measured = make_table(MOST_ROWS, noise.COLUMNS)
+        # The measurements last compared and their errors, for each span of kernels/tracking/reported.py.
+        self._compared = [(make_table(MOST_ROWS, reported.COLUMNS), np.zeros(3), span) for span in reported.SPANS]
         self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
         self._seen = make_table(ROWS, changes.COLUMNS)  # see kernels/tracking/changes.py
         self._has_velocities = True  # whether the sensor measured those of all tracks in the last scan
@@ -68,17 +69,18 @@ class Tracker:
             seen = replace(seen, tracks=nearest(seen.tracks, seen.xy))
         tracks, self._next_name = with_names(seen.tracks, t, self.table, self._next_name)
         if tracks.covariance is None:
-            wrong = reported.wrong(*self._last[:2], self._errors, t, tracks.id, tracks.xy, tracks.velocity)
-            if wrong != self.doubts_velocities:
-                self.doubts_velocities = wrong
+            scan = t, tracks.id, tracks.xy, tracks.velocity
+            wrong = [reported.wrong(*table[:2], errors, *scan, span) for table, errors, span in self._compared]
+            if any(wrong) != self.doubts_velocities:
+                self.doubts_velocities = any(wrong)
                 self._forget()
-            if wrong:
+            if self.doubts_velocities:
                 tracks = replace(tracks, velocity=np.full(tracks.velocity.shape, math.nan))
         return seen if tracks is seen.tracks else replace(seen, tracks=tracks)
 
     def _forget(self) -> None:
         """Forget what was learnt from velocities."""
-        self.averages.used[0], self._seen.used[0], self.fastest = 0, 0, 0.0
+        self.averages.used[0], self._seen.used[0], self.fastest, self._noise = 0, 0, 0.0, np.zeros(4)
         self.pool, self._turns = np.zeros(averages.POOL), np.array([changes.FIRST_SECONDS, 0.0, 0.0])
 
     def update(self, tracks: Tracks, t: float, terrain: Terrain) -> None:
