@@ -421,7 +421,12 @@ def test_noise_is_told_from_innovations(measured: bool) -> None:
 
 def test_velocities_that_lead_to_exact_places_are_exact() -> None:
     """Whoever sways changes a velocity in each scan, but is where it leads: there is no noise, though it looks like 0.1 m/s."""
-    table, state, xy, rng = make_table(16, noise.COLUMNS), np.zeros(noise.STATE), np.arange(16.0).reshape(8, 2), np.random.default_rng(1)
+    table, state, xy, rng = (
+        make_table(16, noise.COLUMNS),
+        np.zeros(noise.STATE),
+        np.arange(16.0).reshape(8, 2),
+        np.random.default_rng(1),
+    )
     velocity = np.ones((8, 2))
     for i in range(100):
         assert noise.measured_noise(*table[:2], state, 0.1 * i, np.arange(8), xy, velocity) == (0.0, 0.0)

@@ -14,8 +14,8 @@ from antway.kernels.tracking.table import NAMED, SEEN, Table, row_or_oldest
 # led since then, the velocity reported last, and that between the places of the span before.
 _SINCE, _X, _Y, _DX, _DY, _VX, _VY, _PX, _PY = range(2, 11)
 COLUMNS = 11
-# Spans (s), the number of comparisons before reported velocities can be found wrong, and how many times as wrong as places they
-# are then. From scan to scan every error shows at once, if places are exact. In half a second zeros show though places are noisy.
+# Spans, s; the number of comparisons before reported velocities can be found wrong; and how many times as wrong as places they
+# are then. From scan to scan every error shows at once if places are exact; in half a second zeros show where they are noisy.
 SPANS = ((0.0, 10.0, 2.0), (0.5, 3.0, 1.3))
 _MEMORY = 0.995  # 1; with each comparison, earlier ones count this much less
 _LEAST = 0.03  # m/s; a smaller error does not matter

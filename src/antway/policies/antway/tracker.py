@@ -80,7 +80,7 @@ class Tracker:
 
     def _forget(self) -> None:
         """Forget what was learnt from velocities."""
-        self.averages.used[0], self._seen.used[0], self.fastest, self._noise = 0, 0, 0.0, np.zeros(4)
+        self.averages.used[0], self._seen.used[0], self.fastest, self._noise = 0, 0, 0.0, np.zeros(noise.STATE)
         self.pool, self._turns = np.zeros(averages.POOL), np.array([changes.FIRST_SECONDS, 0.0, 0.0])
 
     def update(self, tracks: Tracks, t: float, terrain: Terrain) -> None:
