@@ -87,7 +87,7 @@ def measured_noise(
             ex, ey = dx - old_vx * dt, dy - old_vy * dt
             squared = scale * (ex * ex + ey * ey)
             if dt <= _FAR and not math.isnan(squared):
-                _step(state, PLACE, squared, MEDIAN * EXACT)
+                _step(state, PLACE, squared, EXACT)
                 if measured:
                     _step(state, VELOCITY, change, 0.0)
                     state[BETWEEN] = dt
