@@ -69,8 +69,10 @@ class Tracker:
             seen = replace(seen, tracks=nearest(seen.tracks, seen.xy))
         tracks, self._next_name = with_names(seen.tracks, t, self.table, self._next_name)
         if tracks.covariance is None:
-            scan = t, tracks.id, tracks.xy, tracks.velocity
-            wrong = [reported.wrong(*table[:2], errors, *scan, span) for table, errors, span in self._compared]
+            wrong = [
+                reported.wrong(*table[:2], errors, t, tracks.id, tracks.xy, tracks.velocity, span)
+                for table, errors, span in self._compared
+            ]
             if any(wrong) != self.doubts_velocities:
                 self.doubts_velocities = any(wrong)
                 self._forget()
