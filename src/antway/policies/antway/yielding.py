@@ -120,7 +120,7 @@ class Dance:
 
     Two who plan alike give way to one another at the same time, see that, and both drive on. So the robot stands once it sees
     him again, for a time that is drawn: one of the two drives on first, and the other gives way to him alone. This is for
-    robots that can take any velocity at once; others hesitate by themselves.
+    robots that can take any velocity at once, as others hesitate by themselves, and not for crowds, in which to stand costs time.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class Dance:
         if o.t < self.until:
             return True
         self.until = -math.inf
-        if o.t > self._expires:
+        if o.t > self._expires or len(o.tracks) > 1:
             self._first.clear()
             return False
         for name, place in zip(o.tracks.id.tolist(), o.tracks.xy.tolist(), strict=True):
