@@ -120,7 +120,7 @@ class Dance:
 
     Two who plan alike give way to one another at the same time, see that, and both drive on. So the robot stands once it sees
     him again, for a time that is drawn: one of the two drives on first, and the other gives way to him alone. This is for
-    robots that can take any velocity at once, as others hesitate by themselves, and not for crowds, in which to stand costs time.
+    robots that can take any velocity at once, as others hesitate by themselves. In crowds to stand costs time.
 
     Attributes
     ----------
