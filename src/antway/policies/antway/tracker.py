@@ -52,7 +52,8 @@ class Tracker:
         self._estimates = np.zeros((ROWS, 8))
         self.estimates = self._estimates[:0]
         self.averages = make_table(ROWS, averages.COLUMNS)
-        self._measured = make_table(MOST_ROWS, noise.COLUMNS)
+        # For kernels/tracking/noise.py.
+        self._measured, self._noise = make_table(MOST_ROWS, noise.COLUMNS), np.zeros(noise.STATE)
         # The measurements last compared and their errors, for each span of kernels/tracking/reported.py.
         self._compared = [(make_table(MOST_ROWS, reported.COLUMNS), np.zeros(3), span) for span in reported.SPANS]
         self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
@@ -82,7 +83,7 @@ class Tracker:
 
     def _forget(self) -> None:
         """Forget what was learnt from velocities."""
-        self.averages.used[0], self._seen.used[0], self.fastest, self._noise = 0, 0, 0.0, np.zeros(noise.STATE)
+        self.averages.used[0], self._seen.used[0], self.fastest = 0, 0, 0.0
         self.pool, self._turns = np.zeros(averages.POOL), np.array([changes.FIRST_SECONDS, 0.0, 0.0])
 
     def update(self, tracks: Tracks, t: float, terrain: Terrain) -> None:
