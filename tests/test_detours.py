@@ -19,6 +19,7 @@ from antway.policies.antway.tracker import Tracker
 from antway.world.motions import BackAndForth, Line, Motion, Replay
 from antway.world.policy import Tracks
 from antway.world.robots import load_robot
+from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
 from common import cases
 from naive import people as naive
@@ -149,10 +150,10 @@ def test_a_robot_at_its_goal_looks_for_no_detours() -> None:
 
 def test_times_of_tracks_are_handed_to_kernels_without_gaps() -> None:
     """A kernel compiled for one track would read the wrong numbers of a column that is not contiguous."""
-    tracker = Tracker()
+    tracker, hall = Tracker(), terrain_of(Grid(np.zeros((100, 100), np.bool_), 0.2))
     for n in (1, 3):
         xy = 9.0 * np.arange(n)[:, None] * np.ones(2)
-        tracker.update(Tracks(np.arange(n), xy, np.zeros((n, 2)), np.ones(n)), 0.5 * n)
+        tracker.update(Tracks(np.arange(n), xy, np.zeros((n, 2)), np.ones(n)), 0.5 * n, hall)
         assert tracker.last_seen.tolist() == [0.5 * n] * n and tracker.last_seen.strides == (8,)
 
 

@@ -19,14 +19,16 @@ from antway.kernels.tracking.table import NAMED, SEEN, Table, row_or_oldest
 _X, _Y, _VX, _VY, _DT = range(2, 7)
 COLUMNS = 7
 # Entries of `state`: the medians of the squared innovations, m^2, and of the squared changes of velocity, m^2/s^2; from RUN on,
-# how many of either were large and above the median one after another; and the time between the scans compared last, s.
-PLACE, VELOCITY, RUN, _, BETWEEN = range(5)
-STATE = 5
+# how many of either were large and above the median one after another; the time between the scans compared last, s; and the
+# number of innovations.
+PLACE, VELOCITY, RUN, _, BETWEEN, COUNT = range(6)
+STATE = 6
 MEDIAN = 4.0 * math.log(2.0)  # 1; the median of the squared innovations by the variance of measured places
 _LEAST = 1e-8  # m^2; a smaller variance counts as none
 EXACT = 1e-4  # m^2; while the variance of places is smaller, velocities count as exact: what changes is how people sway.
 _STEP = 0.1  # 1; each innovation changes the logarithm of the median by this, ...
 _ENOUGH = 8  # ... and by two, three times this and so on from the tenth of a run of large ones on.
+_FIRST_STEPS = 2.0  # 1; the n-th innovation without measured velocities changes it by this / n, if that is more than `_STEP`.
 _UNSEEN = MEDIAN * 0.05**2  # m^2; the median at first, if velocities are not measured: less would give wrong ones
 _FAR = 0.5  # s; an older measurement is not compared
 
@@ -87,9 +89,10 @@ def measured_noise(
             ex, ey = dx - old_vx * dt, dy - old_vy * dt
             squared = scale * (ex * ex + ey * ey)
             if dt <= _FAR and not math.isnan(squared):
-                _step(state, PLACE, squared, EXACT)
+                state[COUNT] += 1.0
+                _step(state, PLACE, squared, EXACT, _STEP if measured else max(_STEP, _FIRST_STEPS / state[COUNT]))
                 if measured:
-                    _step(state, VELOCITY, change, 0.0)
+                    _step(state, VELOCITY, change, 0.0, _STEP)
                     state[BETWEEN] = dt
         row[NAMED], row[SEEN], row[_X], row[_Y], row[_VX], row[_VY], row[_DT] = name[k], t, xy[k, 0], xy[k, 1], vx, vy, dt
     variance = state[PLACE] / MEDIAN
@@ -99,8 +102,8 @@ def measured_noise(
 
 
 @bare_kernel
-def _step(state: NDArray[np.float64], entry: int, value: float, large: float) -> None:
+def _step(state: NDArray[np.float64], entry: int, value: float, large: float, step: float) -> None:
     """Let a median in `state` take a step, of its logarithm, towards a value; a longer one after a run of `large` values."""
     above, run = value > state[entry], entry + RUN
     state[run] = state[run] + 1.0 if above and value > large else 0.0
-    state[entry] = max(state[entry] * math.exp(_STEP * max(state[run] - _ENOUGH, 1.0) if above else -_STEP), _LEAST)
+    state[entry] = max(state[entry] * math.exp(step * max(state[run] - _ENOUGH, 1.0) if above else -step), _LEAST)
