@@ -13,7 +13,16 @@ import numpy as np
 import pytest
 
 from antway import Command, Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
-from antway.arena.predict import PEOPLE_DENSITY, PEOPLE_DOF, forecast, left_tubes, markdown, people_variance, tube_radius
+from antway.arena.predict import (
+    PEOPLE_DENSITY,
+    PEOPLE_DOF,
+    forecast,
+    left_tubes,
+    markdown,
+    people_variance,
+    place_variance,
+    tube_radius,
+)
 from antway.arena.suites import build, episodes
 from antway.errors import BadScenario
 from antway.kernels import sidestep
@@ -400,11 +409,12 @@ def test_a_name_is_believed_where_no_other_track_is_nearer() -> None:
 def test_noise_is_told_from_innovations(measured: bool) -> None:
     """That of places is found to within a third, with velocities or without, and that of velocities; exact ones have none."""
     rng = np.random.default_rng(3)
-    for sigma, speed in ((0.0, 0.0), (0.02, 0.0), (0.02, 0.1), (0.05, 0.1), (0.05, 0.3), (0.1, 0.3)):
+    errors = np.random.default_rng(8)
+    for sigma, speed in (*((one, 0.0) for one in (0.0, 0.02, 0.05, 0.1)), (0.02, 0.1), (0.05, 0.1), (0.05, 0.3), (0.1, 0.3)):
         xy, v, t, scans = rng.uniform(0, 9, (8, 2)), rng.uniform(-1, 1, (8, 2)), 0.0, []
         for _ in range(300):
             v = np.where(rng.random((8, 1)) < 0.03, rng.uniform(-1, 1, (8, 2)), v)
-            velocity = v + rng.normal(0.0, 1.0, (8, 2)) * speed if measured else np.full((8, 2), math.nan)
+            velocity = v + errors.normal(0.0, 1.0, (8, 2)) * speed if measured else np.full((8, 2), math.nan)
             scans.append((t, np.arange(8), xy + rng.normal(0, sigma, (8, 2)) if sigma else xy.copy(), velocity))
             dt = 0.1 if measured else rng.uniform(0.05, 0.2)
             xy, t = xy + v * dt, t + dt
@@ -414,6 +424,7 @@ def test_noise_is_told_from_innovations(measured: bool) -> None:
         late = noise.measured_noise(*table[:2], state, t + 0.6, ids, places + 5.0, velocity)
         assert late == found[-1], "places that are so far apart in time are not compared"
         slow = naive.measured_noise(scans)
+        assert math.sqrt(found[-1][0]) == pytest.approx(sigma, rel=0.34, abs=1e-3)
         assert np.sqrt(np.mean(found[-100:], axis=0)) == pytest.approx([sigma, speed if measured else 0.0], rel=0.2, abs=1e-3)
         assert math.sqrt(found[20][0]) == pytest.approx(sigma, rel=0.5, abs=5e-3)  # after two seconds
         assert np.sqrt(slow) == pytest.approx([sigma, speed if measured else 0.0], rel=0.1, abs=1e-3)
@@ -483,6 +494,21 @@ def test_a_robot_arrives_though_its_sensor_reports_wrong_velocities(how: str, ro
             assert "do not fit their places" in policy.explain().reason
 
 
+@pytest.mark.parametrize("chance", [0.05, 0.2])
+def test_tubes_hold_on_the_model_of_the_filter(chance: float) -> None:
+    """On white acceleration the share outside of a tube is `chance`, to a point, at 0.5, 1, 2 and 4 s (C46)."""
+    rng, n, dt, density = np.random.default_rng(4), cases(40_000, 400_000), 0.05, 0.2
+    p11, p12, p22 = 0.01, 0.005, 0.04
+    error = rng.multivariate_normal((0.0, 0.0), ((p11, p12), (p12, p22)), (n, 2))
+    place, velocity = error[..., 0], error[..., 1]
+    for i in range(1, 81):
+        kick = rng.normal(0.0, math.sqrt(density * dt), (n, 2))
+        place, velocity = place + velocity * dt + kick * dt / 2, velocity + kick
+        if i * dt in (0.5, 1.0, 2.0, 4.0):
+            radius = tube_radius(place_variance(p11, p12, p22, density, i * dt), chance, math.inf)
+            assert (np.hypot(*place.T) > radius).mean() == pytest.approx(chance, abs=0.01)
+
+
 def test_the_variance_of_people_is_that_of_white_acceleration() -> None:
     """Places that start with the variances of a person spread as foretold, to 3 %, after 0.5, 1, 2 and 4 s."""
     rng, n, dt, sway = np.random.default_rng(4), 20_000, 0.05, 0.3
@@ -500,7 +526,7 @@ def test_tubes_of_people_hold_on_their_law() -> None:
     rng, n = np.random.default_rng(5), 100_000
     places = rng.normal(size=(n, 2)) / np.sqrt(rng.chisquare(PEOPLE_DOF, n) / PEOPLE_DOF)[:, None]
     for chance in (0.05, 0.2):
-        assert (np.hypot(*places.T) > tube_radius(1.0, chance)).mean() == pytest.approx(chance, abs=0.01)
+        assert (np.hypot(*places.T) > tube_radius(1.0, chance, PEOPLE_DOF)).mean() == pytest.approx(chance, abs=0.01)
 
 
 @needs_data

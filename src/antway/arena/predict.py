@@ -97,7 +97,7 @@ def forecast(file: str, *, factor: float = 1.0) -> Forecast:
         for time in TIMES:
             i = int(np.argmin(np.abs(instants - time)))
             whole = np.isfinite(own[:, i])
-            radius = np.array([tube_radius(people_variance(s, time), chance) for s in rows[whole, SIGMA_V]])
+            radius = np.array([tube_radius(people_variance(s, time), chance, PEOPLE_DOF) for s in rows[whole, SIGMA_V]])
             outside.append((chance, time, _mean(left_tubes(now[whole], own[whole, i], radius, time, chance, factor))))
     return Forecast(len(now), ade, fde, outside)
 
@@ -137,8 +137,25 @@ def left_tubes(
     return out
 
 
-def tube_radius(variance: float, chance: float) -> float:
-    """Return the radius of the disc around a predicted place outside of which a person is with probability `chance`, m.
+def place_variance(p11: float, p12: float, p22: float, density: float, t: float) -> float:
+    """Return the variance of a track's place along one axis `t` s after its estimate, m^2.
+
+    Parameters
+    ----------
+    p11, p12, p22 : float
+        Variances of place (m^2) and velocity (m^2/s^2), and their covariance (m^2/s).
+    density : float
+        Spectral density of the white acceleration that changes the velocity, m^2/s^3.
+
+    Notes
+    -----
+    p11 + 2 t p12 + t^2 p22 + density t^3 / 3 (Bar-Shalom, Li, Kirubarajan 2001, eq. 6.2.2-4).
+    """
+    return p11 + 2.0 * t * p12 + t * t * p22 + density * t * t * t / 3.0
+
+
+def tube_radius(variance: float, chance: float, dof: float) -> float:
+    """Return the radius of the disc around a predicted place outside of which the track is with probability `chance`, m.
 
     Parameters
     ----------
@@ -146,13 +163,17 @@ def tube_radius(variance: float, chance: float) -> float:
         Variance along each axis, m^2.
     chance : float
         In (0, 1).
+    dof : float
+        Degrees of freedom of Student's t distribution in two dimensions; infinite means a normal distribution. People mostly
+        keep their velocity and turn now and then, so their errors have heavier tails than a normal distribution.
 
     Notes
     -----
-    P(r > R) = (1 + R^2 / (dof variance))^(-dof / 2) of Student's t distribution in two dimensions. People mostly keep their
-    velocity and turn now and then, so their errors have heavier tails than a normal distribution.
+    P(r > R) = (1 + R^2 / (dof variance))^(-dof / 2), which tends to exp(-R^2 / (2 variance)).
     """
-    return math.sqrt(PEOPLE_DOF * (chance ** (-2.0 / PEOPLE_DOF) - 1.0) * variance)
+    if dof == math.inf:
+        return math.sqrt(-2.0 * math.log(chance) * variance)
+    return math.sqrt(dof * (chance ** (-2.0 / dof) - 1.0) * variance)
 
 
 def people_variance(sigma_v: float, t: float) -> float:
@@ -162,13 +183,9 @@ def people_variance(sigma_v: float, t: float) -> float:
     ----------
     sigma_v : float
         Standard deviation along one axis of the velocity error over LATER s, m/s.
-
-    Notes
-    -----
-    Of a place, a velocity and a white acceleration (Bar-Shalom, Li, Kirubarajan 2001, eq. 6.2.2-4).
     """
     own = max(_OWN * sigma_v * sigma_v - PEOPLE_DENSITY * LATER / 3.0, 0.0)
-    return 1e-4 + t * t * own + PEOPLE_DENSITY * t * t * t / 3.0
+    return place_variance(1e-4, 0.0, own, PEOPLE_DENSITY, t)
 
 
 def learnt_factor(factor: float, left: bool, chance: float, waiting: int) -> float:

@@ -181,7 +181,8 @@ class MapReader:
         stamp = self._stamp(message)
         if self.info is None:
             self.early = message
-        if self.info is None or stamp < self.stamp:
+            return None
+        if stamp < self.stamp:
             return None
         (rows, cols), where = self.costs.shape, "OccupancyGridUpdate"
         x = checks.integer("x", message.x, low=0, high=cols - 1, where=where)

@@ -143,8 +143,10 @@ def bounce(
         The scan, as in `update`.
     """
     for k in range(len(name)):
+        if variance[k, 0] <= EXACT:
+            continue
         i = row_of(Table(rows, used, NAME), float(name[k]))
-        if i < 0 or t <= rows[i, T] or variance[k, 0] <= EXACT:
+        if i < 0 or t <= rows[i, T]:
             continue
         row, dt = rows[i], t - rows[i, T]
         dx, dy = row[VX] * _AHEAD * dt, row[VY] * _AHEAD * dt

@@ -342,8 +342,7 @@ class ControlColony:
         if to_go < self.nearest - self.robot.dt or there:
             self.nearest, self.since = to_go, now
         caution = 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0)
-        risks = {"risk": weights.risk * caution, "turn_risk": turn_rate * weights.turn_risk}
-        return weights._replace(**risks, ramps=float(has_plan))
+        return weights._replace(risk=weights.risk * caution, turn_risk=turn_rate * weights.turn_risk, ramps=float(has_plan))
 
     def others(self) -> NDArray[np.float64]:
         """Return the first commands of all sequences in the archive but the best, in the order of cost, float64[N, 2]."""

@@ -298,8 +298,9 @@ class AntwayPolicy:
 
     def _follow_plan(self, o: Observation) -> tuple[Command, int]:
         """Plan; return the command that follows the plan, and what was done with the plan."""
-        vx, vy, what = self._plan(o, o.t - o.sensed_at)
-        return Command(self._aside(o, o.t - o.sensed_at, (vx, vy))), what
+        age = o.t - o.sensed_at
+        vx, vy, what = self._plan(o, age)
+        return Command(self._aside(o, age, (vx, vy))), what
 
     def _roll_out(self, o: Observation) -> tuple[Command, int]:
         """Do as `_follow_plan`, but the ants in the space of controls find the command."""
