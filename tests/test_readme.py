@@ -105,3 +105,28 @@ def test_the_readme_repeats_what_the_pages_of_docs_say() -> None:
         "5.1 and 7.5 times as many tours a second as ACOTSP" in README
         and "5.1 and 7.5 times as many tours a second as ACOTSP" in colonies
     )
+
+
+def test_figures_that_the_readme_sums_up_are_those_of_docs() -> None:
+    """The README's first lines, and its line on people, follow from the tables of docs/robots.md and docs/people.md."""
+    robots, people = ((ROOT / f"docs/{name}.md").read_text(encoding="utf-8") for name in ("robots", "people"))
+    rows = table(robots, "| suite `synthetic` on `diff` |").values()
+    numbers = [[float(number) for cell in row[:2] for number in re.findall(r"[\d.]+", cell)] for row in rows]
+    reached = sum(round(300 * success / 100) for success, *_ in numbers)
+    others, longer = [row[2] for row in numbers], [100 * (row[3] / row[1] - 1) for row in numbers]
+    found = [
+        f"a differential robot reaches {reached} of 900 goals",
+        f"reaches {min(others):.0f} to {max(others):.0f} %, and takes {min(longer):.0f} to {max(longer):.0f} % longer",
+    ]
+    recordings = table(people, "| recording | episodes |").values()
+    cells = [[float(re.findall(r"[\d.]+", cell)[0]) for cell in row] for row in recordings]
+    episodes, ours, exact = sum(row[0] for row in cells), *(sum(round(row[0] * row[k] / 100) for row in cells) for k in (1, 2))
+    found += [f"{ours} of {episodes:.0f} robots without inertia arrive"]
+    found += [f"{exact} do, up to {100 * (max(row[-1] for row in cells) - 1):.0f} % sooner"]
+    without, learning = re.findall(r"\d+", table(robots, "| how the robot differs |")["answers 0.2 s later"][0])[:2]
+    found += [f"`diff` reaches {learning} of 60 goals, and {without} without learning"]
+    suites = table(robots, "| suite | episodes | success |")
+    among = sorted(float(row[1].split()[0]) for suite, row in suites.items() if suite.startswith("tracks:"))
+    found += [f"`diff` reaches {among[0]:.0f} to {among[2]:.0f} % of its goals in three of four recordings"]
+    text = " ".join(README.split())
+    assert not [one for one in found if one not in text]
