@@ -90,8 +90,16 @@ def test_a_place_is_missed_by_as_much_as_it_is_wrong(drive: int) -> None:
             assert found * math.sqrt(2.0) == pytest.approx(miss, abs=2.0 * jump + 2e-3)
 
 
-def drive(response: Response, real: RobotSpec, cycles: int, noise: float = 0.0, misplaced: float = 0.0, held: int = 1) -> None:
-    """Let `real` answer random commands that are held for half a second, while `response` watches.
+def drive(
+    response: Response,
+    real: RobotSpec,
+    cycles: int,
+    noise: float = 0.0,
+    misplaced: float = 0.0,
+    held: int = 1,
+    top: tuple[float, float] = (1.0, 1.0),
+) -> None:
+    """Let `real` answer random commands up to `top` that are held for half a second, while `response` watches.
 
     Speeds are measured with `noise` in m/s and rad/s, and places are wrong by `misplaced` m, for `held` cycles at a time.
     """
@@ -107,7 +115,7 @@ def drive(response: Response, real: RobotSpec, cycles: int, noise: float = 0.0, 
         seen = Observation(k * real.dt, place, velocity, state.theta, NOBODY, turn_rate=two)
         response.update(seen)
         if k % 5 == 0:
-            asked = (float(rng.uniform(-0.3, 1.0)), float(rng.uniform(-1.0, 1.0)))
+            asked = (top[0] * float(rng.uniform(-0.3, 1.0)), top[1] * float(rng.uniform(-1.0, 1.0)))
         response.record(seen, Command(twist=asked) if real.wheels else Command(asked))
         sent = [*sent[1:], asked]
         if late and newer > 1e-9:
@@ -145,6 +153,20 @@ def test_a_robot_that_is_as_declared_stays_so(name: str) -> None:
     drive(response, declared, 300, noise=0.02)
     assert 0.0 < response.spread < 0.05
     assert response.robot == (replace(declared, a_max=8.0) if declared.stepwise else declared)
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.17])
+@pytest.mark.parametrize("alpha_max", [9.0, math.inf])
+@pytest.mark.parametrize("turning_radius", [0.0, 0.7])
+def test_fast_wheels_that_are_as_declared_are_where_they_are_foretold(
+    turning_radius: float, alpha_max: float, latency: float
+) -> None:
+    """Also where their turn rate grows within a period, which leads them some millimetres to the side of an arc's chord."""
+    wheels = {"drive": "ackermann", "turning_radius": turning_radius} if turning_radius > 0.0 else {"drive": "differential"}
+    fast = RobotSpec(v_max=2.5, a_max=2.0, v_reverse=2.5, turn_rate=3.5, alpha_max=alpha_max, latency=latency, **wheels)
+    response = Response(fast)
+    drive(response, fast, 200, top=(fast.v_max, fast.turn_rate))
+    assert response.robot is fast and str(response) == "" and response.spread == 0.0
 
 
 @pytest.mark.parametrize("held", [1, 10])

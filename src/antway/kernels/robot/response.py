@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.robot.motion import drive_roughly
-from antway.kernels.robot.odometry import FORETOLD_A, FORETOLD_B, LAST_X, A, B, T, X, Y, chord, compare_speeds, middle_heading
+from antway.kernels.robot.odometry import FORETOLD_A, FORETOLD_B, LAST_X, A, B, T, X, Y, compare_speeds, middle_heading
 
 GROWS, SLOWS, TURNS = 0, 1, 2  # kinds of errors, each of which depends on one of the candidates' three limits
 # The entries of `place`: the error of the robot's place in x and y, m; the sum of its squares, m^2, and of their weights; and
@@ -72,9 +72,12 @@ def learn_place(
     more_a, more_b = 0.5 * passed * (now[A] - foretold.a), 0.5 * passed * (now[B] - foretold.b)
     if holonomic:
         led_x, led_y = foretold.x + more_a, foretold.y + more_b
-    else:
-        led, heading = chord(foretold) + more_a, middle_heading(before, now)
-        led_x, led_y = led * math.cos(heading), led * math.sin(heading)
+    else:  # ramps of fast wheels lead some millimetres to the side of the middle heading
+        half, middle = 0.5 * foretold.theta, middle_heading(before, now)
+        ahead = foretold.x * math.cos(half) + foretold.y * math.sin(half) + more_a
+        left = foretold.y * math.cos(half) - foretold.x * math.sin(half)
+        led_x = ahead * math.cos(middle) - left * math.sin(middle)
+        led_y = ahead * math.sin(middle) + left * math.cos(middle)
     miss_x, miss_y = now[X] - before[X] - led_x, now[Y] - before[Y] - led_y
     place[FACTOR] = memory * place[FACTOR] + miss_x * led_x + miss_y * led_y
     place[LED] = memory * place[LED] + led_x * led_x + led_y * led_y
