@@ -22,7 +22,7 @@ TIMES = (0.5, 1.0, 2.0, 4.0)  # s; times at which tubes are tested
 CHANCES = (0.05, 0.2)
 PAST = 0.8  # s; length of a record that is observed before the first prediction
 STEP = 0.4  # s; step of the times that count in the mean error, and of constant velocity, as in the literature
-# Fitted to the recordings eth, zara01, students01 (Pellegrini 2009, Lerner 2007) and citr (Yang 2019), see docs/people.md.
+# Fitted to the recordings eth, zara01, students01 (Pellegrini 2009, Lerner 2007) and citr (Yang 2019), see docs/experiments.md.
 PEOPLE_DENSITY = 0.01  # m^2/s^3; spectral density of the white acceleration of people
 PEOPLE_DOF = 3.0  # 1; degrees of freedom of the distribution of people's prediction errors
 _ADAPTS = 0.02  # 1; step size with which the logarithm of the tubes' width is adapted after each prediction
