@@ -45,9 +45,25 @@ def test_launch_files_start_the_node_with_a_file_that_is_there() -> None:
     assert [file.name for file in files] == ["turtlebot3.launch.py", "turtlebot4.launch.py"]
     for file in files:
         text = file.read_text(encoding="utf-8")
+        declared = dict(re.findall(r'DeclareLaunchArgument\("(\w+)", default_value="?([^",)]*)', text))
+        assert set(declared) == {"params", "namespace", "map", "odom", "scan", "cmd_vel", "use_sim_time"}
+        assert all(declared[topic] == topic for topic in ("map", "odom", "scan", "cmd_vel"))  # relative: of its namespace
+        assert re.findall(r"for topic in \((.*?)\)", text) == ['"map", "odom", "scan", "cmd_vel"']
         names = [node.name for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
         assert names == ["generate_launch_description"] and 'package="antway"' in text and 'executable="node"' in text
         assert (ROS / "config" / re.search(r'"config" / "([\w.]+)"', text)[1]).is_file()
+
+
+def test_files_beside_nav2_ask_for_nothing_that_nobody_offers() -> None:
+    """Nav2 does not come up if a tree of any of its navigators asks for an action that is missing; defaults ask for many."""
+    page = (ROS.parent / "docs" / "ros2.md").read_text(encoding="utf-8")
+    files = yaml.safe_load(re.search(r"```yaml\n(# antway.yaml\n.*?)```", page, re.DOTALL)[1])
+    given = files["bt_navigator"]["ros__parameters"]
+    assert given["navigators"] == ["navigate_to_pose"] and "plugin" in given["navigate_to_pose"]
+    assert "default_nav_to_pose_bt_xml" in given
+    tree = ET.fromstring(re.search(r"```xml\n(.*?)```", page, re.DOTALL)[1])
+    leaves = {one.tag for one in tree.iter() if not len(one)}
+    assert leaves == {"ComputePathToPose", "FollowPath", "Wait"}  # antway offers the first two, Nav2's behaviours the last
 
 
 def test_the_package_is_sound() -> None:

@@ -18,15 +18,19 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument("params", default_value=str(PARAMETERS), description="Parameters of the node."),
             DeclareLaunchArgument("use_sim_time", default_value="false", description="Whether /clock is the time."),
-            DeclareLaunchArgument("map", default_value="/map", description="Topic of the map, or of a costmap."),
-            DeclareLaunchArgument("odom", default_value="/odom", description="Topic of the odometry."),
+            DeclareLaunchArgument("namespace", default_value="", description="Namespace of the node and its topics."),
+            DeclareLaunchArgument("map", default_value="map", description="Topic of the map, or of a costmap."),
+            DeclareLaunchArgument("odom", default_value="odom", description="Topic of the odometry."),
+            DeclareLaunchArgument("scan", default_value="scan", description="Topic of the laser."),
+            DeclareLaunchArgument("cmd_vel", default_value="cmd_vel", description="Topic of the commands."),
             Node(
                 package="antway",
                 executable="node",
                 name="antway",
+                namespace=LaunchConfiguration("namespace"),
                 output="screen",
                 parameters=[LaunchConfiguration("params"), {"use_sim_time": LaunchConfiguration("use_sim_time")}],
-                remappings=[("map", LaunchConfiguration("map")), ("odom", LaunchConfiguration("odom"))],
+                remappings=[(topic, LaunchConfiguration(topic)) for topic in ("map", "odom", "scan", "cmd_vel")],
             ),
         ]
     )

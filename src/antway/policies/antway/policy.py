@@ -80,15 +80,16 @@ class AntwayPolicy:
         s, >= 0; the plan in use is replaced only by one that arrives sooner by this much.
     minimum_improvement : float
         s, > 0; the colony does not search for smaller gains.
-    expansions, improvement_expansions : int
-        Most moves that the colony tests in a cycle without a valid plan, >= 1, and in a cycle with one, >= 0.
+    expansions : int
+        Most moves that the colony tests in a cycle without a valid plan, >= 1.
+    improvement_expansions : int
+        Most moves that the colony tests in a cycle with a valid plan, >= 0.
     moves : Moves
-        EIGHT, SIXTEEN or THIRTY_TWO.
+        How the ants move from cell to cell: in eight, sixteen or thirty-two directions.
     deposit : float
         Q of the deposit Q / L on a path that is better than all earlier ones, s; 0 switches the pheromone off.
     distance_weight : float
-        s/m, >= 0; cost of a metre in addition to its time, which trades distance against time. It must be 0 for a robot that is
-        driven by `controls`.
+        s/m, >= 0; cost of a metre in addition to its time. It must be 0 for a robot that is driven by `controls`.
     guard : bool
         Whether commands pass the guard.
     controls : ControlOptions or None
@@ -98,8 +99,7 @@ class AntwayPolicy:
         Mode of the guard, "strict" or "least-harm". With "least-harm", a plan with additional clearance is preferred to one
         that arrives a little sooner. If no path keeps the margins, a path without margins is taken.
     learns_response : bool
-        Whether the latency and the accelerations of the robot are learnt from how it answers commands, where it is slower than
-        declared. A robot that is driven with a `distance_weight` does not learn them.
+        Whether latency and accelerations are learnt where the robot answers slower than declared; not with `distance_weight`.
 
     Raises
     ------
