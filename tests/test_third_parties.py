@@ -99,3 +99,31 @@ def test_the_commands_take_modules_of_the_working_directory(installed):
     assert json.loads(planned.stdout)["planner"] == "their_package:theirs", planned.stderr
     wrong = antway("plan", "map.txt", *ends, "--planner", "their_package:nothing")
     assert wrong.returncode == 2 and "MODULE:NAME" in wrong.stderr
+
+
+BROKEN = {
+    "a constructor": ("class P:\n    def __init__(self): raise OSError('no\\nluck')\n", "OSError: no luck", 2, "__init__"),
+    "a script": ("import sys\nsys.exit(3)\n", "SystemExit: 3", 2, "<module>"),
+    "a module": ("{}['door']\n", "KeyError: 'door'", 1, "<module>"),
+}
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_a_policy_that_cannot_be_made_is_refused_with_its_line(what, tmp_path, monkeypatch):
+    """Whatever a module or a constructor raises, also by ending, is one line of wrong input and names the line of theirs."""
+    text, error, line, name = BROKEN[what]
+    module = "broken_" + what.replace(" ", "_")
+    (tmp_path / f"{module}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(BadParameter) as caught:
+        make_policy(f"{module}:P")
+    told = str(caught.value)
+    assert told.startswith(f"policy = '{module}:P': must be") and f"{error} ({module}.py, line {line}, in {name})" in told
+    assert "\n" not in told
+
+
+def test_an_announced_policy_that_cannot_be_imported_is_refused(installed):
+    """The entry point of a broken package is wrong input as well."""
+    (installed / "their_package-1.0.dist-info" / "entry_points.txt").write_text("[antway.policies]\ngone = no_such_module:P\n")
+    with pytest.raises(BadParameter, match=r"policy = 'gone': must be .*ModuleNotFoundError: No module named 'no_such_module'"):
+        make_policy("gone")

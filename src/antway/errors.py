@@ -8,6 +8,8 @@ repeated or inconsistent, and references to nothing.
 from __future__ import annotations
 
 import math
+import traceback
+from pathlib import Path
 from typing import Self
 
 
@@ -173,3 +175,16 @@ class InvalidPlan(AntwayError):
     def __init__(self, violations: list[str]) -> None:
         self.violations = tuple(violations)
         super().__init__("; ".join(violations))
+
+
+def described_error(error: BaseException) -> str:
+    """Return the message of an exception in one line, and the last Python frame of its traceback.
+
+    Examples
+    --------
+    >>> described_error(KeyError("no such door"))
+    "KeyError: 'no such door'"
+    """
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno}, in {frames[-1].name})" if frames else ""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}{where}"

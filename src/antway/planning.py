@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadParameter, CellBlocked, OutOfBounds
+from antway.errors import BadParameter, CellBlocked, OutOfBounds, described_error
 from antway.grid import Cell, Grid, Moves, checked_cell
 from antway.lazy import drawing
 from antway.tables import PLANNERS as PLANNERS
@@ -275,15 +275,15 @@ def find(kind: str, name: object, table: dict[str, str], group: str) -> Any:
     """Return the object called `name`: from `table`, from an entry point of `group`, or imported as MODULE:NAME."""
     if not isinstance(name, str) or name in table:
         return _load(table[checks.choice(kind, name, table)])
-    for point in entry_points(group=group, name=name):
-        return point.load()
-    if ":" not in name:
-        others = {point.name for point in entry_points(group=group)}
-        raise BadParameter(kind, name, f"one of {', '.join([*table, *sorted(others)])}, or MODULE:NAME")
+    points = {point.name: point for point in reversed(tuple(entry_points(group=group)))}  # the first of a name counts
+    if name not in points and ":" not in name:
+        raise BadParameter(kind, name, f"one of {', '.join([*table, *sorted(points)])}, or MODULE:NAME")
     try:
+        if name in points:
+            return points[name].load()
         found = _load(name)
-    except Exception as error:  # whatever the module raises
-        raise BadParameter(kind, name, f"MODULE:NAME of what can be imported; {error}") from error
+    except (Exception, SystemExit) as error:  # whatever the module raises, and a script that exits when it is imported
+        raise BadParameter(kind, name, f"MODULE:NAME of what can be imported; {described_error(error)}") from error
     if not callable(found):
         raise BadParameter(kind, name, f"MODULE:NAME of a {kind}; it is of type {type(found).__name__}")
     return found

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-import traceback
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
+from antway.errors import described_error
 from antway.kernels.robot.motion import REST
 from antway.lazy import drawing
 from antway.planning import TimedPath
@@ -211,7 +210,7 @@ class Episode:
                 driver.foresee(stage.timeline)
             self.policy.reset(stage.task, self.seed)
         except _FAULTS as error:
-            self.outcome, self.reason = Outcome.ERROR, f"{self.name} at reset: {_message(error)}"
+            self.outcome, self.reason = Outcome.ERROR, f"{self.name} at reset: {described_error(error)}"
 
     @property
     def steps(self) -> int:
@@ -229,7 +228,7 @@ class Episode:
                 if path is not None and not (self.plans and path is self.plans[-1]):
                     self.plans.append(path)
             except _FAULTS as error:
-                self._fault = f"{self.name} at {observation.t:g} s: {_message(error)}"
+                self._fault = f"{self.name} at {observation.t:g} s: {described_error(error)}"
         if self.tour is not None:
             stage.end_at_goal(self.tour.homeward)
         self.outcome, self.reason = stage.drive(*controls)
@@ -297,10 +296,3 @@ def _checked(decision: object) -> Decision:
         if not isinstance(cost, (float, np.floating)):
             checks.number("decision.alternatives", cost, infinite=True, unit="s")
     return known
-
-
-def _message(error: BaseException) -> str:
-    """Return the message of an exception in one line, and the last Python frame of its traceback."""
-    frames = traceback.extract_tb(error.__traceback__)
-    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno}, in {frames[-1].name})" if frames else ""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}{where}"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadParameter, OutOfBounds
+from antway.errors import BadInput, BadParameter, OutOfBounds, described_error
 from antway.grid import Grid
 from antway.kernels.base.records import RobotState
 from antway.kernels.robot.motion import delayed
@@ -428,7 +428,7 @@ def make_policy(name: str, **options: Any) -> Policy:
     Raises
     ------
     BadParameter
-        For an unknown name or option, or an option that is given twice.
+        For an unknown name or option, an option that is given twice, and a policy that cannot be imported or made.
 
     Examples
     --------
@@ -441,5 +441,7 @@ def make_policy(name: str, **options: Any) -> Policy:
     check_options(name, kind, options)
     try:
         return cast(Policy, kind(**options))
-    except TypeError as error:
-        raise BadParameter("policy", name, f"a policy, with options that it can take; {error}") from None
+    except BadInput:
+        raise
+    except (Exception, SystemExit) as error:  # whatever a policy raises
+        raise BadParameter("policy", name, f"a policy, with options that it can take; {described_error(error)}") from error
