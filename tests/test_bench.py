@@ -230,6 +230,17 @@ def test_wrong_input_is_refused(tmp_path, monkeypatch, capsys, change, printed):
     assert ended.value.code == 2 and printed in shown.err and not shown.out and not (tmp_path / "x" / "results.csv").exists()
 
 
+def test_a_warning_about_a_recording_is_given_once(tmp_path):
+    """The workers, who read the file as well, do not repeat it with a line of the library's source."""
+    rows = [f"{1000 * second},{person},{second + person},{person}" for second in range(12) for person in range(4)]
+    (tmp_path / "milliseconds.csv").write_text("\n".join(rows))
+    line = command(tmp_path / "b", "--workers", "1", "--export", "csv")
+    line[line.index("synthetic")] = f"tracks:{tmp_path / 'milliseconds.csv'}"
+    said = subprocess.run(line, check=True, capture_output=True, text=True).stderr
+    assert said.count("are times in s") == 1 and "milliseconds.csv: who walks does so at" in said
+    assert "UserWarning" not in said
+
+
 def test_policies_of_others_repeat_themselves(tmp_path):
     """A policy that draws from global random state does the same whatever its process played before."""
     two = [Job(one, "test_bench:Draws") for one in episodes("synthetic", 1)[:2]]

@@ -14,9 +14,11 @@ import pytest
 
 import antway
 from antway import Grid, RobotSpec, Scenario, load_scenario, run, save_map
+from antway.arena.store import COLUMNS
 from antway.world.motions import MOTIONS
 from antway.world.sensor import Sensor
 from antway.world.stops import Stop
+from antway.world.trace import Outcome
 
 ROOT = Path(__file__).parents[1]
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
@@ -152,3 +154,10 @@ def test_public_classes_have_examples() -> None:
     """Classes that are made by their users show how."""
     for kind in (antway.Grid, antway.Moves, antway.Problem, antway.Budget, antway.RobotSpec, antway.World, antway.Tracks):
         assert ">>>" in str(kind.__doc__), kind
+
+
+def test_every_column_of_results_is_described() -> None:
+    """The table in the arena's page has each column of the results, and each outcome."""
+    page = (ROOT / "docs" / "arena.md").read_text(encoding="utf-8")
+    table = page.partition("### Columns of the results")[2].partition("## Suites")[0]
+    assert set(COLUMNS) | {one.value for one in Outcome} == set(re.findall(r"`([\w-]+)`", table))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 
 import pytest
 
 from antway import BadParameter, Grid, Problem, load_scenario, make_policy, run, solve
+from antway.cli import main
 from antway.conformance import check_planner, check_policy
 from antway.planning import PLANNERS, find
 from antway.scenes import scene
@@ -99,6 +101,37 @@ def test_the_commands_take_modules_of_the_working_directory(installed):
     assert json.loads(planned.stdout)["planner"] == "their_package:theirs", planned.stderr
     wrong = antway("plan", "map.txt", *ends, "--planner", "their_package:nothing")
     assert wrong.returncode == 2 and "MODULE:NAME" in wrong.stderr
+
+
+RAISING = """
+from dataclasses import replace
+from antway.search.astar import astar
+
+def raises(problem, *, seed, budget):
+    return problem.grid["door"]
+
+def lies(problem, *, seed, budget):
+    found = astar(problem, seed=seed, budget=budget)
+    return replace(found, length=found.length / 2)
+"""
+
+
+RAISED = {"raises": r"TypeError: .* \(raising.py, line 6, in raises\)", "lies": "InvalidPlan: "}
+
+
+@pytest.mark.parametrize(("name", "told"), RAISED.items())
+def test_what_a_planner_raises_is_one_line_and_status_one(name, told, tmp_path, monkeypatch, capsys):
+    """`antway plan` names the line of a planner that raises, and what is wrong with the plan of one that lies."""
+    (tmp_path / "raising.py").write_text(RAISING)
+    (tmp_path / "map.txt").write_text("...\n.@.\n...\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    line = f"antway plan map.txt --cells --start 0,0 --goal 2,2 --planner raising:{name}"
+    monkeypatch.setattr("sys.argv", line.split())
+    with pytest.raises(SystemExit) as ended:
+        main()
+    error = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+    assert ended.value.code == 1 and len(error) == 1 and re.match(f"error: planner raising:{name}: {told}", error[0]), error
 
 
 BROKEN = {

@@ -24,6 +24,7 @@ from antway.console import (
     Seed,
     episode_bar,
     exit_with,
+    faults_named,
     name_option,
     number_option,
     pair,
@@ -73,8 +74,8 @@ PolicyName = Annotated[
 def top(context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
     """Plan paths for robots, and drive them among moving obstacles.
 
-    Exit status: 0 done, 1 a policy raised an error, 2 wrong input, 3 no path, 4 time ran out, or a tour is late, 5 contact, 130
-    interrupted, 141 nobody reads the output.
+    Exit status: 0 done, 1 a policy or planner raised an error, 2 wrong input, 3 no path, 4 time ran out, or a tour is late,
+    5 contact, 130 interrupted, 141 nobody reads the output.
     """
     if version:
         from antway.version import __version__
@@ -107,7 +108,7 @@ def plan_command(
 ) -> int:
     """Plan a path on a map.
 
-    Exit status: 3 if there is no path, 4 if time ran out.
+    Exit status: 3 if there is no path, 4 if time ran out, 1 if a planner of your own raised an error.
     """
     from antway import Moves, Problem, check_plan, checks, load_map, solve
     from antway.planning import standing_cell
@@ -138,7 +139,7 @@ def plan_command(
         return commands.plan_front(problem, grid, radius, None if spec is None else spec.v_max, obstacles, seed, out, json)
     if obstacles is not None:
         raise BadParameter("obstacles", obstacles, "left out without --pareto")
-    with working("planning"):
+    with working("planning"), faults_named("planner", planner, PLANNERS):
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
         check_plan(problem, path)
     if smooth and spec is not None and len(path.cells):
@@ -276,9 +277,15 @@ def bench_command(
     from dataclasses import asdict
     from importlib.util import find_spec
 
+    unused: dict[str, object] = {"policies": policies != "antway,oracle" and policies, "robot": robot, "workers": workers}
+    unused |= {"engine": engine != "local" and engine, "timeout": timeout != 120.0 and timeout}
+    unused |= {"export": tables != "csv,json" and tables}
+    if suite == "predict":
+        commands.refuse_unused(suite, unused | {"episodes": episodes, "out": out != Path("bench") and str(out)})
     if suite == "predict" or file is not None:
         return commands.predict(suite, file, json)
     if suite == "ants":
+        commands.refuse_unused(suite, unused)
         return commands.compare_ants(10 if episodes is None else episodes, out, json)
     from antway import checks
     from antway.arena import engines

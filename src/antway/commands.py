@@ -342,6 +342,13 @@ def compare_ants(runs: int, out: Path, json: bool) -> int:
     return 0
 
 
+def refuse_unused(suite: str, given: dict[str, object]) -> None:
+    """Refuse options of `antway bench` that are `given`, neither None nor False, and that `suite` does not use."""
+    for name, value in given.items():
+        if value is not None and value is not False:
+            raise BadParameter(name, value, f"left out with {suite}, which does not use it")
+
+
 def predict(suite: str, file: Path | None, json: bool) -> int:
     """Measure how well a recording is predicted; see `antway bench predict`."""
     from dataclasses import asdict

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from antway.errors import BadInput, BadParameter
+from antway.errors import BadInput, BadParameter, described_error
 from antway.tables import SHIPPED_SCENES, names
 from antway.writing import PICTURES, check_target
 
@@ -46,6 +46,23 @@ def status_of_search(status: Status) -> int:
 
 class Refused(Exception):
     """Carries a `BadInput` out of an option's parser, because Typer would add its own text to a `ValueError`."""
+
+
+class Fault(Exception):
+    """Carries what a planner of somebody else raised, in one line."""
+
+
+@contextmanager
+def faults_named(kind: str, name: str, shipped: Iterable[str]) -> Iterator[None]:
+    """Name in one line what raised, unless `name` is `shipped`: a fault of antway's own needs its traceback."""
+    try:
+        yield
+    except BadInput:
+        raise
+    except Exception as error:
+        if name in shipped:
+            raise
+        raise Fault(f"{kind} {name}: {described_error(error)}") from error
 
 
 def number_option(field: str, kind: type, metavar: str, help: str) -> Any:
@@ -410,6 +427,9 @@ def exit_with(app: Callable[..., Any]) -> None:
         unnamed = isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None
         say(f"error: {f'stdout cannot be written: {os.strerror(errno.ENOSPC)}' if unnamed else error}")
         status = WRONG_INPUT
+    except Fault as error:
+        say(f"error: {error}")
+        status = FAULT
     except usage_error as error:
         text = " ".join(error.format_message().split())
         hint = "; X,Y is written without a space, and a name with spaces in quotes" * ("extra argument" in text)
