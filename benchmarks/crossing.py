@@ -1,6 +1,7 @@
 """The colony in space and time beside exact search, and the processor time of a control cycle.
 
-Run as `python benchmarks/crossing.py [--seeds N]`. Prints two tables and writes them to benchmarks/out/crossing.json.
+Run as `python benchmarks/crossing.py [--seeds N]`. Prints two tables and writes them to benchmarks/out/crossing.json. With
+`--robot NAME`, such as diff, it prints the second one alone, for that robot.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -28,6 +30,7 @@ from antway.policies.antway.state import make_memory, make_trails
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce, Replay
 from antway.world.policy import Command, Decision, Observation, Task
+from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from crossing import local_problem
@@ -156,7 +159,15 @@ class Timed:
         return self.policy.planned()
 
 
-def cycles(episodes: int) -> list[dict[str, object]]:
+def driven_by(scenario: Scenario, robot: str) -> Scenario:
+    """Return the scenario with a robot that is known by name, or with its own if there is no name; the sensor sees as far."""
+    if not robot:
+        return scenario
+    own = scenario.robot
+    return replace(scenario, robot=replace(load_robot(robot), dt=own.dt, sensor_range=own.sensor_range))
+
+
+def cycles(episodes: int, robot: str = "") -> list[dict[str, object]]:
     """Processor time of a control cycle, and how much faster than time itself an unrecorded episode is; best of three plays."""
     policy = Timed()
     places: dict[str, list[Callable[[int], Scenario]]] = {}
@@ -170,9 +181,9 @@ def cycles(episodes: int) -> list[dict[str, object]]:
     rows = []
     for name, makers in places.items():
         ms, simulated, taken, reached = [], 0.0, 0.0, 0
-        run(makers[0](0), policy, record=False)
+        run(driven_by(makers[0](0), robot), policy, record=False)
         for seed in range(episodes):
-            scenario, plays, best = makers[seed % len(makers)](seed), [], math.inf
+            scenario, plays, best = driven_by(makers[seed % len(makers)](seed), robot), [], math.inf
             for _ in range(3):
                 started = time.process_time()
                 result = run(scenario, policy, seed=seed, record=False)
@@ -198,7 +209,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=1000)
     parser.add_argument("--episodes", type=int, default=30)
+    parser.add_argument("--robot", default="", help="which robot drives, as in `antway bench`; else a disc without inertia")
     options = parser.parse_args()
+    if options.robot:
+        show(cycles(options.episodes, options.robot), f"policy antway with {options.robot}, a control cycle", floats=".4g")
+        return
     local(3)  # compile
     tables = {"local": local(options.seeds), "cycle": cycles(options.episodes)}
     title = "31 x 31 cells, 12 % blocked, 3-14 discs, against exact search over the same moves"
