@@ -301,6 +301,45 @@ def test_walls_are_checked_between_knots() -> None:
         check_motion(beside, long, turns)
 
 
+def test_bodies_of_millimetres_do_not_pass_walls_unseen() -> None:
+    """Neither through a wall that is thinner than a step, nor past a corner; sliding along a wall touches nothing."""
+    blocked = np.zeros((40, 60), dtype=bool)
+    blocked[:, 30] = True
+    slow = RobotSpec(a_max=1.0, radius=2e-4, v_max=0.01)
+    thin = Grid(blocked, 2.5e-4)
+    for far in (5e-4, 9e-4, 3e-3):
+        across = stop_at_corners([(7.6e-3 - far / 2, 5e-3), (7.65e-3 + far / 2, 5e-3)], slow)
+        with pytest.raises(InvalidPlan, match="touches a wall"):
+            check_motion(thin, slow, across)
+    for radius in (3e-3, 1e-3, 1e-7):
+        walls = np.zeros((40, 60), dtype=bool)
+        walls[:20, 30:] = True
+        grid, small = Grid(walls, 0.01), RobotSpec(a_max=1.0, radius=radius)
+        reach = radius / math.sqrt(2.0)
+        for deep, legal in ((-2e-5, True), (min(3e-4, radius), False)):
+            x, y = 0.3 - reach + deep, 0.2 + reach - deep  # the middle of a motion at 45 degrees past the corner (0.3, 0.2)
+            past = stop_at_corners([(x - 4e-4, y - 4e-4), (x + 4e-4, y + 4e-4)], small)
+            if legal:
+                check_motion(grid, small, past)
+            else:
+                with pytest.raises(InvalidPlan, match="touches a wall"):
+                    check_motion(grid, small, past)
+    small = RobotSpec(a_max=1.0, radius=0.05)
+    check_motion(Grid(np.zeros((10, 400), bool), 0.01), small, stop_at_corners([(0.1, 0.05), (3.9, 0.05)], small))
+
+
+def test_a_body_does_not_drift_over_a_wall() -> None:
+    """Where a knot is a little off from where its step leads, what lies between the two counts as passed."""
+    blocked = np.zeros((40, 60), dtype=bool)
+    blocked[:, 30] = True
+    grid, slow = Grid(blocked, 2.5e-4), RobotSpec(a_max=1.0, radius=1e-4, v_max=10.0)
+    jump = Motion(
+        np.array([0.0, 0.1]), np.array([(7.39e-3, 5e-3), (7.86e-3, 5e-3)]), np.zeros(2), np.zeros((2, 2)), np.zeros(2)
+    )
+    with pytest.raises(InvalidPlan, match=r"touches a wall at 0\.05 s"):
+        check_motion(grid, slow, jump)
+
+
 def test_the_command_smooths(tmp_path) -> None:
     """`antway plan --smooth` prints, draws and gives the motion as JSON; what it needs and does not take is said."""
     asked = ["plan", "office", "--start", "1.5,3", "--goal", "22,12.5"]

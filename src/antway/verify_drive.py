@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, cast
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid
-from antway.verify_motion import braking, finite_faults, gap_from_square, shape_faults
+from antway.verify_motion import braking, exceeds, finite_faults, gap_from_square, shape_faults
 
 if TYPE_CHECKING:
     from antway.trajectory.motion import Motion
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
 _NEAR = 1e-6  # m, m/s, rad/s; tolerance of limits
 _DRIFT = 1e-3  # m, rad; by how much the integrated velocity of a step may miss the next knot
 _FRACTION = 0.01  # and as a share of how far the robot may go in this step; all steps together, of how far they go
-_FINEST = 1e-3  # m; steps in which no point of the body moves farther are not divided
+_UNSEEN = 1e-5  # m; depth of a contact between samples that may go unseen; less for bodies or cells that are hardly larger
+_MOST = 20_000  # steps that are divided together; bounds memory where a body slides along a wall for long
 _AT_ONCE = 1e3  # m/s^2, rad/s^2; value used for infinite limits
 _NODES = np.array([-0.8611363115940526, -0.3399810435848563, 0.3399810435848563, 0.8611363115940526])
 _WEIGHTS = np.array([0.3478548451374538, 0.6521451548625461, 0.6521451548625461, 0.3478548451374538])
@@ -88,8 +90,7 @@ def _limit_faults(robot: RobotSpec, motion: Motion) -> Iterator[str]:
     if wheels:
         yield from _wheel_faults(robot, motion, speed[:, 0])
     else:
-        if np.hypot(*speed.T).max() > robot.v_max + _NEAR:
-            yield "is faster than v_max"
+        yield from exceeds("is faster than v_max", np.hypot(*speed.T), robot.v_max, motion.t, "m/s")
         if robot.footprint is not None and max(np.abs(rate).max(), np.ptp(motion.heading)) > _NEAR:
             yield "turns, and a holonomic robot with a footprint keeps its heading"
     change, grow, brake = np.diff(speed, axis=0), min(robot.a_max, _AT_ONCE), min(braking(robot), _AT_ONCE)
@@ -112,10 +113,9 @@ def _wheel_faults(robot: RobotSpec, motion: Motion, speed: Floats) -> Iterator[s
     aside = motion.velocity[:, 1] * np.cos(motion.heading) - motion.velocity[:, 0] * np.sin(motion.heading)
     if np.abs(aside).max() > _NEAR:
         yield "moves aside, which wheels do not"
-    if speed.max() > robot.v_max + _NEAR or speed.min() < -robot.v_reverse - _NEAR:
-        yield "is faster than v_max or v_reverse"
-    if np.abs(rate).max() > robot.turn_rate + _NEAR:
-        yield "turns faster than turn_rate"
+    yield from exceeds("is faster than v_max or v_reverse", speed, robot.v_max, motion.t, "m/s")
+    yield from exceeds("is faster than v_max or v_reverse, backwards", -speed, robot.v_reverse, motion.t, "m/s")
+    yield from exceeds("turns faster than turn_rate", np.abs(rate), robot.turn_rate, motion.t, "rad/s")
     if robot.turning_radius > 0.0 and (np.abs(rate) > np.abs(speed) / robot.turning_radius + _NEAR).any():
         yield "turns tighter than turning_radius"
     if (np.abs(np.diff(rate)) > min(robot.alpha_max, _AT_ONCE) * dt * (1 + _NEAR) + 1e-12).any():
@@ -125,8 +125,8 @@ def _wheel_faults(robot: RobotSpec, motion: Motion, speed: Floats) -> Iterator[s
 def _drifts(missed: Floats, speed: Floats, limit: float, dt: Floats) -> bool:
     """Tell whether steps miss the next knot by more than computing with knots explains, one or all together."""
     moved = ((speed[:-1] + speed[1:]) / 2.0 * dt).sum()
-    alone = missed > np.minimum(_FRACTION * limit * dt + _NEAR, _DRIFT)
-    return bool(alone.any() or missed.sum() > _FRACTION * moved + _DRIFT)
+    alone = missed <= np.minimum(_FRACTION * limit * dt + _NEAR, _DRIFT)
+    return not (alone.all() and missed.sum() <= _FRACTION * moved + _DRIFT)
 
 
 def _poses(robot: RobotSpec, motion: Motion, step: NDArray[np.int64], after: Floats) -> Floats:
@@ -146,33 +146,42 @@ def _poses(robot: RobotSpec, motion: Motion, step: NDArray[np.int64], after: Flo
 
 
 def _wall_faults(grid: Grid, robot: RobotSpec, motion: Motion) -> Iterator[str]:
-    """Halve steps until in each of them every point of the body moves less than the gaps at both ends."""
+    """Halve steps until in none of them a point of the body can reach a wall from the gaps at both ends and return."""
     walls, n = _Walls(grid, robot), len(motion.t)
     if walls.inside(motion.xy[0]):
         yield "begins in a wall"
         return
     gap = walls.gaps(np.column_stack((motion.xy, motion.heading)))
-    if gap.min() < -_NEAR:
+    if gap.min() < -walls.contact:
         yield f"touches a wall at {motion.t[int(np.argmin(gap))]:.2f} s"
         return
-    step = np.arange(n - 1)
+    if n < 2:
+        return
+    dt = np.diff(motion.t)
+    # A step ends beside the next knot. The body is led there evenly, so that it does not jump over a wall.
+    missed = (np.column_stack((motion.xy, motion.heading))[1:] - _poses(robot, motion, np.arange(n - 1), dt)) / dt[:, None]
     fastest = np.sqrt((_speeds(robot, motion) ** 2).sum(axis=1)) + np.abs(motion.turn_rate) * robot.radius
     fastest = np.maximum(fastest[:-1], fastest[1:])  # speeds are linear, or convex, between knots
-    low, high, before, beyond = np.zeros(n - 1), np.diff(motion.t), gap[:-1], gap[1:]
-    while len(step):
-        moves = fastest[step] * (high - low)
-        open_ = (before + beyond < moves) & (moves > _FINEST)
+    fastest += np.hypot(missed[:, 0], missed[:, 1]) + np.abs(missed[:, 2]) * robot.radius
+    parts = [(np.arange(n - 1), np.zeros(n - 1), dt, gap[:-1], gap[1:])]
+    while parts:
+        step, low, high, before, beyond = parts.pop()
+        open_ = fastest[step] * (high - low) - np.maximum(before, 0.0) - np.maximum(beyond, 0.0) > 2.0 * walls.unseen
+        if open_.sum() > _MOST:
+            half = len(step) // 2
+            parts += [(step[at], low[at], high[at], before[at], beyond[at]) for at in (slice(half, None), slice(half))]
+            continue
         step, low, high, before, beyond = step[open_], low[open_], high[open_], before[open_], beyond[open_]
         if not len(step):
-            return
+            continue
         middle = (low + high) / 2.0
-        gap = walls.gaps(_poses(robot, motion, step, middle))
-        if gap.min() < -_NEAR:
+        gap = walls.gaps(_poses(robot, motion, step, middle) + missed[step] * middle[:, None])
+        if gap.min() < -walls.contact:
             worst = int(np.argmin(gap))
             yield f"touches a wall at {motion.t[step[worst]] + middle[worst]:.2f} s"
             return
-        step, low, high = np.tile(step, 2), np.concatenate((low, middle)), np.concatenate((middle, high))
-        before, beyond = np.concatenate((before, gap)), np.concatenate((gap, beyond))
+        ends = np.append(low, middle), np.append(middle, high), np.append(before, gap), np.append(gap, beyond)
+        parts.append((np.tile(step, 2), *ends))
 
 
 class _Walls:
@@ -187,7 +196,9 @@ class _Walls:
         self.tree = scipy.spatial.cKDTree(self.middles) if len(cells) else None
         self.corners = np.zeros((1, 2)) if robot.footprint is None else np.array(robot.footprint)
         self.rounding = robot.radius if robot.footprint is None else 0.0
-        self.far = robot.radius + 2.0 * self.size + _FINEST  # farther cell centres do not matter
+        self.far = robot.radius + 2.0 * self.size + _NEAR  # farther cell centres do not matter
+        thin = self.rounding or math.inf  # a disc in a wall is no deeper in it than its radius
+        self.contact, self.unseen = min(_NEAR, thin / 4.0), min(_UNSEEN, thin / 4.0, self.size / 4.0)
 
     def inside(self, xy: Floats) -> bool:
         """Tell whether a point is in a blocked cell or off the map."""
@@ -206,7 +217,7 @@ class _Walls:
         ys = place[:, 1:] + s * self.corners[:, 0] + c * self.corners[:, 1]
         rows, cols = self.grid.shape
         edges = np.minimum.reduce([xs, ys, cols * self.size - xs, rows * self.size - ys]).min(axis=1) - self.rounding
-        gap: Floats = np.minimum(edges, _FINEST + self.size / 2.0)
+        gap: Floats = np.minimum(edges, self.size / 2.0)
         if self.tree is None:
             return gap
         near = [np.asarray(one, np.int64) for one in cast("list[list[int]]", self.tree.query_ball_point(place, self.far))]

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from antway.errors import BadParameter, InvalidPlan
 from antway.verify_motion import REST, driven, dynamic_faults, dynamic_gaps, finite_faults, last_gaps, shape_faults
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from antway.world.trace import Trace
 
 _NEAR = 1e-6  # m, m/s, s; tolerance of an episode's rules
+_DEEP = 1e-5  # m; a robot that is less far within the goal may have passed by it
 
 
 def check_episode(episode: EpisodeResult | Trace) -> None:
@@ -79,7 +81,7 @@ def _motion_faults(trace: Trace) -> Iterator[str]:
     if tuple(trace.xy[0].tolist()) != trace.task.start:
         yield f"begins at {tuple(trace.xy[0])}, not at the start {trace.task.start}"
     if trace.velocity[0].any() or trace.turn_rate[0] != 0.0:
-        yield "does not begin at rest"
+        yield f"does not begin at rest, but with {trace.velocity[0].tolist()} m/s and {float(trace.turn_rate[0])!r} rad/s"
     ahead = np.subtract(trace.task.goal, trace.task.start)
     if abs(math.remainder(trace.heading[0] - math.atan2(ahead[1], ahead[0]), 2.0 * math.pi)) > _NEAR:
         yield "does not begin with its heading towards the goal"
@@ -109,9 +111,13 @@ def _end_faults(trace: Trace) -> Iterator[str]:
     task = trace.task
     away = np.hypot(*(trace.xy - np.array(task.goal)).T)
     if outcome == "reached" and away[-1] > task.goal_tolerance + _NEAR:
-        yield f"claims to have reached the goal from {away[-1]:g} m away"
-    if ((away[:-1] < task.goal_tolerance - _NEAR) & (trace.t[:-1] > last_end(trace) + _NEAR)).any():
+        yield f"claims to have reached the goal from {away[-1]:.7g} m away; the tolerance is {task.goal_tolerance:g} m"
+    homeward = trace.t > last_end(trace) + _NEAR if trace.rounds is not None else np.full(len(trace.t), True)
+    most = len(trace) - (outcome == "reached")
+    if ((away < task.goal_tolerance - _NEAR) & homeward)[: most + 1].any():
         yield "goes on after it reached the goal"
+    elif (_passes_goal(trace) & homeward[:-1])[: max(most, 0)].any():
+        yield "goes on after it passed the goal"
     gaps, wall = last_gaps(trace)
     if task.robot.stepwise and len(trace) > 0:
         wall = wall_gap(trace, len(trace) - 1)
@@ -124,12 +130,25 @@ def _end_faults(trace: Trace) -> Iterator[str]:
             yield f"claims {outcome} though the robot was {'moving' if moving else 'at rest'}"
     if outcome == "hit-wall" and (len(trace) == 0 or wall > _NEAR):
         yield "claims a contact with a wall that it does not touch"
-    early = trace.t[-1] < trace.config.get("horizon", 0.0) - _NEAR
+    horizon = trace.config.get("horizon", math.nan)  # a trace that another program wrote may have none
+    early = trace.t[-1] < horizon - _NEAR
+    if "horizon" in trace.config and not trace.t[-1] <= horizon + task.robot.dt + _NEAR:
+        yield f"goes on to {trace.t[-1]:g} s, and its horizon is {horizon:g} s"
     if outcome == "timeout" and early:
         yield "claims to have run out of time before the horizon"
     at_rest = not moving and abs(float(trace.turn_rate[-1])) <= REST
     if outcome == "error" and early and len(trace) and not at_rest:
         yield "claims an error before the horizon, and the robot was not braked"
+
+
+def _passes_goal(trace: Trace) -> NDArray[np.bool_]:
+    """Tell of each step whether the robot is at the goal within it."""
+    places = np.stack((trace.xy[:-1], trace.xy[1:]), axis=1) if trace.task.robot.stepwise else driven(trace)[1][:, :, :2]
+    away, step = places[:, :-1] - np.array(trace.task.goal), np.diff(places, axis=1)
+    square = (step**2).sum(axis=2)
+    share = np.clip(-(away * step).sum(axis=2) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    nearest: NDArray[np.float64] = np.hypot(*np.moveaxis(away + share[:, :, None] * step, 2, 0)).min(axis=1)
+    return nearest < trace.task.goal_tolerance - _DEEP
 
 
 def _figure_faults(result: EpisodeResult, trace: Trace) -> list[str]:
@@ -148,6 +167,11 @@ def _figure_faults(result: EpisodeResult, trace: Trace) -> list[str]:
     figures["waits"] = (result.waits, int(rests[:1].sum() + (rests[1:] & ~rests[:-1]).sum()))
     figures["replans"] = (result.replans, sum(a is not b for a, b in pairwise(paths)))
     faults = [f"states {name} {a!r} but has {b!r}" for name, (a, b) in figures.items() if a != b and not abs(a - b) <= slack]
-    if result.outcome is not trace.outcome or result.seed != trace.seed:
-        faults.append("outcome or seed of result and trace differ")
+    faults += [
+        f"states {name} {getattr(result, name)!r}, and its trace {getattr(trace, name)!r}"
+        for name in ("outcome", "seed", "reason", "rounds")
+        if getattr(result, name) != getattr(trace, name)
+    ]
+    if not np.array_equal(result.cycle_ms, trace.cycle_ms):
+        faults.append("states other times of cycles (cycle_ms) than its trace")
     return faults

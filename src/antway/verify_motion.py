@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 REST = 1e-9  # m/s, rad/s; slower robots and commands are at rest, and keep their heading
 _NEAR = 1e-6  # m, m/s, rad; tolerance of the rules
-_SLACK = 1e-5  # m; tolerance of gaps, which are sampled
+_SLACK = 1e-5  # m; tolerance of gaps, and depth of a contact that may go unseen between samples
 _EVEN = 1e-9  # m^2/s^2; a ramp at nearly a right angle to the command counts as braking
 _STEPS = 100  # least number of steps in each part of a cycle: before and after the delayed command acts
 
@@ -25,15 +25,30 @@ State = tuple[Floats, Floats, Floats, Floats, Floats]  # x, y (m), heading (rad)
 
 
 def shape_faults(record: object, shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
-    """Return which arrays of a record have not the shapes that these names should have."""
-    return [
-        f"{name} has the shape {getattr(record, name).shape}" for name in shapes if getattr(record, name).shape != shapes[name]
+    """Return which parts of a record are no arrays of numbers, or have not the shapes that these names should have."""
+    arrays = {name: getattr(record, name) for name in shapes}
+    faults = [
+        f"{name} is no array of numbers"
+        for name, a in arrays.items()
+        if not (isinstance(a, np.ndarray) and a.dtype.kind in "biuf")
+    ]
+    return faults or [
+        f"{name} has the shape {a.shape} in place of {shapes[name]}" for name, a in arrays.items() if a.shape != shapes[name]
     ]
 
 
 def finite_faults(record: object, names: Iterable[str]) -> list[str]:
-    """Return which of these arrays of a record are not finite throughout."""
-    return [f"{name} is not finite" for name in names if not np.isfinite(getattr(record, name)).all()]
+    """Return which of these arrays of a record are not finite throughout, and the first row in which they are not."""
+    arrays = {name: np.isfinite(getattr(record, name)) for name in names}
+    rows = {name: np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))) for name, finite in arrays.items()}
+    return [f"{name} is not finite in row {bad[0]}" for name, bad in rows.items() if len(bad)]
+
+
+def exceeds(what: str, size: Floats, limit: float, t: Floats, unit: str) -> Iterator[str]:
+    """Yield that `what` happens, with the largest of these sizes and its time, if one of them is above a limit."""
+    worst = int(np.argmax(size))
+    if not size[worst] <= limit + _NEAR:
+        yield f"{what}: {size[worst]:.7g} {unit} at {t[worst]:g} s"
 
 
 def braking(spec: RobotSpec) -> float:
@@ -180,10 +195,10 @@ def dynamic_faults(trace: Trace) -> Iterator[str]:
         yield "a heading is not where its command turns it"
     yield from _speed_faults(trace, speeds)
     gap = dynamic_gaps(trace, times, states)
-    for k in np.flatnonzero(gap.min(axis=0, initial=math.inf) < -_SLACK).tolist():
+    for k in np.flatnonzero(gap.min(axis=0, initial=math.inf) < -_tolerance(trace)).tolist():
         yield f"passes through obstacle {trace.timeline.id[k]} in step {int(np.argmin(gap[:, k]))}"
-    depth = [wall_depth(trace, states[i]) for i in range(len(states))]
-    if depth and min(depth) < -_SLACK:
+    depth = [_wall_gap_within(trace, states[i]) for i in range(len(states))]
+    if depth and min(depth) < -_tolerance(trace):
         yield f"passes through a wall in step {depth.index(min(depth))}"
 
 
@@ -196,12 +211,11 @@ def _speed_faults(trace: Trace, speeds: Floats) -> Iterator[str]:
         if np.abs(recorded[:, 0] * ahead[:, 1] - recorded[:, 1] * ahead[:, 0]).max() > _NEAR:
             yield "moves aside, which wheels do not"
         recorded = np.column_stack(((recorded * ahead).sum(axis=1), trace.turn_rate))
-        if (recorded[:, 0] > spec.v_max + _NEAR).any() or (recorded[:, 0] < -spec.v_reverse - _NEAR).any():
-            yield "is faster than v_max or v_reverse"
-        if (np.abs(recorded[:, 1]) > spec.turn_rate + _NEAR).any():
-            yield "turns faster than turn_rate"
-    elif (np.hypot(*recorded.T) > spec.v_max + _NEAR).any():
-        yield "is faster than v_max"
+        yield from exceeds("is faster than v_max or v_reverse", recorded[:, 0], spec.v_max, trace.t, "m/s")
+        yield from exceeds("is faster than v_max or v_reverse, backwards", -recorded[:, 0], spec.v_reverse, trace.t, "m/s")
+        yield from exceeds("turns faster than turn_rate", np.abs(recorded[:, 1]), spec.turn_rate, trace.t, "rad/s")
+    else:
+        yield from exceeds("is faster than v_max", np.hypot(*recorded.T), spec.v_max, trace.t, "m/s")
     # The last step may end anywhere within a ramp.
     finest = spec.dt / _STEPS / 4
     change = max(spec.a_max, braking(spec))
@@ -216,19 +230,92 @@ def _finite(limit: float) -> float:
 
 
 def dynamic_gaps(trace: Trace, times: Floats, states: Floats) -> Floats:
-    """Return the smallest gap of robot and obstacle in each cycle, float64[N, K], sampled, and at the obstacle's knots."""
+    """Return the smallest gap of robot and obstacle in each cycle, float64[N, K]: sampled, at the obstacle's knots, and closer.
+
+    Between samples it is looked at more closely where robot and obstacle could be in contact.
+    """
     line, ends = trace.timeline, times[:, -1]
-    gap = np.empty((len(times), len(line)))
+    gap, moves = np.empty((len(times), len(line))), _moves(trace, states)
+    t, state = times.ravel(), states.reshape(-1, 3)
     for k, (low, high) in enumerate(pairwise(line.first.tolist())):
         knots, places = line.knot_t[low:high], line.knot_xy[low:high]
+        travelled = np.append(0.0, np.hypot(*np.diff(places, axis=0).T).cumsum())
+
+        def gaps(at: NDArray[np.int64], share: Floats, k: int = k, knots: Floats = knots, places: Floats = places) -> Floats:
+            then, here = (
+                one[at] + (one[at + 1] - one[at]) * (share if one.ndim == 1 else share[:, None]) for one in (t, state)
+            )
+            there = np.stack([np.interp(then, knots, places[:, axis]) for axis in (0, 1)], axis=-1)
+            apart: Floats = _body_distance(trace, here, there) - line.radius[k]
+            return apart
+
         at = np.stack([np.interp(times, knots, places[:, axis]) for axis in (0, 1)], axis=-1)
-        gap[:, k] = (_body_distance(trace, states, at) - line.radius[k]).min(axis=1)
-        for t, place in zip(knots, places):
-            i = int(np.searchsorted(ends, t))
-            if i < len(times) and t > times[i, 0]:
-                state = np.array([np.interp(t, times[i], states[i, :, axis]) for axis in range(3)])
-                gap[i, k] = min(gap[i, k], float(_body_distance(trace, state, place)) - line.radius[k])
+        sampled = _body_distance(trace, states, at) - line.radius[k]
+        gap[:, k] = _least_within(sampled, moves + np.diff(np.interp(times, knots, travelled), axis=1), gaps, _tolerance(trace))
+        for when, place in zip(knots, places):
+            i = int(np.searchsorted(ends, when))
+            if i < len(times) and when > times[i, 0]:
+                then = np.array([np.interp(when, times[i], states[i, :, axis]) for axis in range(3)])
+                gap[i, k] = min(gap[i, k], float(_body_distance(trace, then, place)) - line.radius[k])
     return gap
+
+
+def _tolerance(trace: Trace) -> float:
+    """Return the depth of a contact that may go unseen, m: less for a disc that is hardly larger, or cells that are."""
+    spec = trace.task.robot
+    return min(_SLACK, spec.radius / 4.0 if spec.footprint is None else math.inf, trace.task.grid.resolution / 4.0)
+
+
+def _moves(trace: Trace, states: Floats) -> Floats:
+    """Return how far any point of the body moves from each sample [..., S, 3] to the next one, float64[..., S - 1], m."""
+    step, spec = np.diff(states, axis=-2), trace.task.robot
+    far: Floats = np.hypot(step[..., 0], step[..., 1])
+    return far if spec.footprint is None else far + np.abs(step[..., 2]) * spec.radius
+
+
+def _least_within(gap: Floats, moves: Floats, gaps: Callable[[NDArray[np.int64], Floats], Floats], tolerance: float) -> Floats:
+    """Return the least gap in each cycle, float64[N].
+
+    The intervals between samples are halved until none is left in which the gap could be below -`tolerance`, m, because robot
+    and obstacle together move farther than the gaps at its ends.
+
+    Parameters
+    ----------
+    gap : float64[N, S]
+        At the samples, m.
+    moves : float64[N, S - 1]
+        How far robot and obstacle together move between two samples, m.
+    gaps : function
+        Returns the gap at a share in [0, 1] of an interval, which is given by the number of its first sample among all N S.
+    tolerance : float
+    """
+    least: Floats = gap.min(axis=1)
+    samples = gap.shape[1]
+    row, column = np.indices(moves.shape).reshape(2, -1)
+    at: NDArray[np.int64] = row * samples + column
+    moved, before, beyond = moves.ravel(), gap[:, :-1].ravel(), gap[:, 1:].ravel()
+    low, high = np.zeros(len(at)), np.ones(len(at))
+    while least.min(initial=0.0) >= -tolerance:
+        open_ = moved * (high - low) - np.maximum(before, 0.0) - np.maximum(beyond, 0.0) > 2.0 * tolerance
+        moved, before, beyond, low, high = (one[open_] for one in (moved, before, beyond, low, high))
+        at = at[open_]
+        if not len(at):
+            break
+        middle = (low + high) / 2.0
+        found = gaps(at, middle)
+        np.minimum.at(least, at // samples, found)
+        at, moved, low, high = np.tile(at, 2), np.tile(moved, 2), np.append(low, middle), np.append(middle, high)
+        before, beyond = np.append(before, found), np.append(found, beyond)
+    return least
+
+
+def _wall_gap_within(trace: Trace, states: Floats) -> float:
+    """Return the least gap to walls in a cycle with the samples float64[S, 3], m; below 0 in a wall."""
+
+    def gaps(at: NDArray[np.int64], share: Floats) -> Floats:
+        return wall_gaps(trace, states[at] + (states[at + 1] - states[at]) * share[:, None])
+
+    return float(_least_within(wall_gaps(trace, states)[None], _moves(trace, states)[None], gaps, _tolerance(trace))[0])
 
 
 def _corners(trace: Trace) -> Floats:
@@ -271,24 +358,23 @@ def gap_from_square(xs: Floats, ys: Floats, half: float) -> Floats:
     return apart
 
 
-def wall_depth(trace: Trace, states: Floats) -> float:
-    """Return the smallest distance to blocked squares and map edges over states float64[S, 3], m; below 0 inside."""
+def wall_gaps(trace: Trace, states: Floats) -> Floats:
+    """Return the distance to blocked squares and map edges in each of the states float64[S, 3], m; below 0 inside."""
     grid, spec = trace.task.grid, trace.task.robot
     (x0, y0, _), size, (rows, cols) = grid.origin, grid.resolution, grid.shape
     corners, rounding = _corners(trace), spec.radius if spec.footprint is None else 0.0
     c, s = np.cos(states[:, 2]), np.sin(states[:, 2])
     xs = states[:, :1] + c[:, None] * corners[:, 0] - s[:, None] * corners[:, 1]  # [S, corners]
     ys = states[:, 1:2] + s[:, None] * corners[:, 0] + c[:, None] * corners[:, 1]
-    sides = (xs.min() - x0, x0 + cols * size - xs.max(), ys.min() - y0, y0 + rows * size - ys.max())
-    least = float(min(sides)) - rounding
+    least: Floats = np.minimum.reduce([xs - x0, x0 + cols * size - xs, ys - y0, y0 + rows * size - ys]).min(axis=1)
     margin = spec.radius + size
     j0, j1 = math.floor((states[:, 0].min() - x0 - margin) / size), math.ceil((states[:, 0].max() - x0 + margin) / size)
     i0, i1 = math.floor((states[:, 1].min() - y0 - margin) / size), math.ceil((states[:, 1].max() - y0 + margin) / size)
     near = grid.blocked[max(i0, 0) : max(i1, 0), max(j0, 0) : max(j1, 0)]
     for i, j in np.argwhere(near).tolist():
         cx, cy = x0 + (j + max(j0, 0) + 0.5) * size, y0 + (i + max(i0, 0) + 0.5) * size
-        least = min(least, float(gap_from_square(xs - cx, ys - cy, size / 2.0).min()) - rounding)
-    return least
+        least = np.minimum(least, gap_from_square(xs - cx, ys - cy, size / 2.0))
+    return least - rounding
 
 
 def last_gaps(trace: Trace) -> tuple[list[float], float]:
@@ -299,4 +385,4 @@ def last_gaps(trace: Trace) -> tuple[list[float], float]:
     for k, (low, high) in enumerate(pairwise(line.first.tolist())):
         at = [np.interp(trace.t[-1], line.knot_t[low:high], line.knot_xy[low:high, axis]) for axis in (0, 1)]
         gaps.append(float(_body_distance(trace, state, np.array(at)) - line.radius[k]))
-    return gaps, wall_depth(trace, state[None])
+    return gaps, float(wall_gaps(trace, state[None])[0])

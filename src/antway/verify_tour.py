@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Cell
 from antway.planning import Plan, Problem, Status
@@ -64,7 +66,11 @@ def _visit_faults(tour: TourPlan) -> Iterator[str]:
         yield f"has {len(tour.routes)} routes for {task.robots} robots"
     seen: set[int] = set()
     for k, route in enumerate(tour.routes):
-        order = [int(stop) for stop in route.order]
+        listed = np.asarray(route.order)
+        if listed.ndim != 1 or (len(listed) and listed.dtype.kind not in "iu"):
+            yield f"robot {k} has an order that is no list of integers: {listed.tolist()}"
+            continue
+        order = [int(stop) for stop in listed]
         for stop in order:
             if not 0 <= stop < count:
                 yield f"robot {k} visits stop {stop}, and there are {count}"
@@ -109,9 +115,9 @@ def _drive(tour: TourPlan, route: Route) -> tuple[list[str], float, float, float
             continue
         earliest, latest = (float(t) for t in task.windows[stop])
         waits = max(0.0, earliest - now)
-        for what, stated, true in (("arrival", route.arrival[k], now), ("waiting", route.waiting[k], waits)):
+        for what, stated, true in (("an arrival at", route.arrival[k], now), ("a wait of", route.waiting[k], waits)):
             if not math.isclose(stated, true, rel_tol=_NEAR, abs_tol=_NEAR * (1.0 + now)):
-                faults.append(f"states for {name} an {what} of {float(stated)!r} s; it is {true!r} s")
+                faults.append(f"states for {name} {what} {float(stated)!r} s; it is {true!r} s")
         now += waits
         late += max(0.0, now - latest)
         now += float(task.service[stop])
