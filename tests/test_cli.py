@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -62,6 +63,23 @@ def test_a_plan_in_metres_and_in_cells(antway: Any, room: Path) -> None:
     assert by_cells["xy"][-1] == [12.25, 5.25]
     status, out, _ = antway("plan", room, "--cells", "--start", "10,2", "--goal", "10,24")
     assert status == 0 and "the shortest" in out and f"{by_cells['length']:.3f} m" in out
+
+
+def test_the_time_of_a_plan_is_that_of_the_search_alone(antway: Any, room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the first call of a planner takes to compile counts neither in `elapsed` nor for --time-limit."""
+    import antway as package
+
+    solve, calls = package.solve, []
+
+    def slow_at_first(problem: Any, *arguments: Any, **options: Any) -> Any:
+        calls.append(problem.grid.shape)
+        answer = solve(problem, *arguments, **options)
+        return replace(answer, elapsed=60.0) if len(calls) == 1 else answer
+
+    monkeypatch.setattr(package, "solve", slow_at_first)
+    status, out, _ = antway("plan", room, "--cells", "--start", "10,2", "--goal", "10,24", "--json")
+    assert status == 0 and json.loads(out)["elapsed"] < 60.0
+    assert len(calls) == 2 and calls[0] == (9, 9)
 
 
 @pytest.mark.parametrize("planner", ["dijkstra", "astar", "jps", "anyangle", "dstarlite", "ants"])

