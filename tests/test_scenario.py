@@ -181,6 +181,9 @@ def test_scenarios_in_python_are_checked() -> None:
     for end in ((5.5, 5.5), (4.8, 5.5), (0.2, 5.0)):
         with pytest.raises(CellBlocked, match="goal"):
             Scenario(world, (1.0, 1.0), end)
+    for start, away in (((4.8, 5.5), "0.2"), ((5.5, 5.5), "0"), ((9.75, 9.0), "0.25"), ((6.2, 6.2), "0.283")):
+        with pytest.raises(CellBlocked, match=rf"start = .*radius, 0.3 m, from walls .*; the nearest is {away} m away$"):
+            Scenario(world, start, (9.0, 9.0))
     for wrong in ({"horizon": -1}, {"seed": -1}, {"goal_tolerance": 0.0}, {"sensor": None}, {"name": 3}):
         with pytest.raises(BadParameter, match=next(iter(wrong))):
             Scenario(world, (1.0, 1.0), (9.0, 9.0), **wrong)

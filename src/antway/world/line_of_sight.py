@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from antway.errors import CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid
 from antway.kernels.base.geometry import segment_hits_cells
@@ -25,7 +27,15 @@ def check_clear(task: Task, name: str, xy: XY) -> None:
     """Raise `CellBlocked`, which names `name`, if the robot touches a wall or an edge of the map at `xy`."""
     if not clear(task, xy, xy):
         allowed = f"at least the robot's radius, {task.robot.radius:g} m, from walls and the map's edges"
-        raise CellBlocked(name, xy, allowed)
+        raise CellBlocked(name, xy, f"{allowed}; the nearest is {wall_distance(task.grid, xy):.3g} m away")
+
+
+def wall_distance(grid: Grid, xy: XY) -> float:
+    """Return the distance of a place from the nearest blocked cell or edge of the map, m; 0 in one or off the map."""
+    (row, col), (rows, cols) = grid.to_points(xy)[0].tolist(), grid.shape
+    edges = min(row, col, rows - 1 - row, cols - 1 - col) + 0.5
+    away = np.maximum(np.abs(np.argwhere(grid.blocked) - (row, col)) - 0.5, 0.0)
+    return max(min(float(edges), float(np.hypot(*away.T).min(initial=math.inf))), 0.0) * grid.resolution
 
 
 def nearest_free(task: Task, inflated: Grid, xy: XY, cells: int, radius: float | None = None) -> Cell | None:
