@@ -159,11 +159,10 @@ def solve_tsp(
     if focused is not None:
         checks.instance("focused", focused, bool)
     options, chosen = local_search_options(n, rule, local_search, focused)
-    default_ants = None if options.attempts == 0 else 10 if options.rebuild_every else 4
-    chosen = make_rule(chosen, ants=default_ants if ants is None else ants, persistence=persistence)
+    chosen = make_rule(chosen, ants=default_ants(options) if ants is None else ants, persistence=persistence)
     seed = checks.seed(seed)
     if candidates is None:
-        candidates = 20 if local_search is None else 10
+        candidates = default_candidates(local_search)
     candidates = checks.integer("candidates", candidates, low=1)
     if immune is not None:
         checks.instance("immune", immune, Immune)
@@ -219,6 +218,16 @@ def _run(
             # At most twice as many, so that an unusually slow or fast first cycle does not matter much.
             batch = max(1, min(2 * batch, 4096, int(batch * _SLICE / max(time.perf_counter() - started, 1e-9))))
     return history
+
+
+def default_ants(options: LocalSearchOptions) -> int | None:
+    """Return how many ants there are by default; None: as many as their rule has."""
+    return None if options.attempts == 0 else 10 if options.rebuild_every else 4
+
+
+def default_candidates(local_search: str | None) -> int:
+    """Return how many of its nearest cities an ant looks at by default."""
+    return 20 if local_search is None else 10
 
 
 def local_search_options(

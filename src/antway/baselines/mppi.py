@@ -37,8 +37,8 @@ class Mppi(Follow):
         Temperature of the weights exp(-cost / temperature), s, > 0.
     speed_noise, turn_noise : float
         Standard deviations, as shares of the robot's limits, > 0.
-    margin, wished : float
-        Distance kept from obstacles, and desired distance beyond that, m, >= 0.
+    margin, preferred_gap : float
+        Distance kept from obstacles, and preferred distance beyond that, m, >= 0.
     wall_margin : float
         Distance kept from walls, m, >= 0.
 
@@ -54,14 +54,14 @@ class Mppi(Follow):
     speed_noise: float = 0.35
     turn_noise: float = 0.4
     margin: float = 0.12
-    wished: float = 0.2
+    preferred_gap: float = 0.2
     wall_margin: float = 0.05
 
     def __post_init__(self) -> None:
         self.samples = checks.integer("samples", self.samples, low=3, high=100_000)
         checks.fields(self, "horizon", "block", "temperature", low=0.0, open_low=True, unit="s")
         checks.fields(self, "speed_noise", "turn_noise", low=0.0, open_low=True)
-        checks.fields(self, "margin", "wished", "wall_margin", low=0.0, unit="m")
+        checks.fields(self, "margin", "preferred_gap", "wall_margin", low=0.0, unit="m")
 
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the fields of the map and the arrays of samples."""
@@ -103,7 +103,7 @@ class Mppi(Follow):
             empty_outlook(steps, summed=True),
             weights,
         )
-        self.margins = Margins(self.margin, self.wished, 0.0, 0.0, 0.0, 0.0, 1.0)
+        self.margins = Margins(self.margin, self.preferred_gap, 0.0, 0.0, 0.0, 0.0, 1.0)
         self.bounds = SpeedBounds(robot.v_max, 0.0, 0.0, 0.0)
         self.nominal = np.zeros((steps, 2))
         self.random = make_state(seed, 2)

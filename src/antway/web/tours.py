@@ -12,7 +12,7 @@ from antway import checks
 from antway.ants.colony import Colony
 from antway.ants.persistence import Adaptive
 from antway.ants.rules import RULES
-from antway.ants.tsp import local_search_options
+from antway.ants.tsp import default_ants, default_candidates, local_search_options
 from antway.ants.tsplib import Tsp
 from antway.errors import BadParameter, TooLarge
 from antway.limits import MAX_PAGE_SEED
@@ -162,10 +162,10 @@ class Tours(Tab):
         colony = Colony(
             instance,
             rule,
-            ants=4 if options.attempts and not options.rebuild_every else settings["ants"],
+            ants=default_ants(options) if options.attempts and not options.rebuild_every else settings["ants"],
             persistence=Adaptive() if settings["persistence"] == "adaptive" else None,
             seed=settings["seed"],
-            candidates=20 if search is None else 10,
+            candidates=default_candidates(search),
             options=options,
         )
         self.instance, self.settings, self.colony, self.playing = instance, settings, colony, False
