@@ -55,15 +55,18 @@ def test_a_robot_gives_way_to_who_waits_for_it(robot: str) -> None:
     assert outcome is Outcome.REACHED and any("gives way" in reason for reason in reasons)
 
 
-def goes(grid: Grid, at: XY, other: XY, came: bool = True) -> tuple[Task, list[tuple[float, Task]]]:
-    """Return the task of a robot that stays for half a minute, as somebody else does, and when it becomes another."""
+def goes(grid: Grid, at: XY, other: XY, came: float = 1.5) -> tuple[Task, list[tuple[float, Task]]]:
+    """Return the task of a robot that stays for half a minute, as somebody else does, and when it becomes another.
+
+    He comes the last `came` metres at 1 m/s, from the robot's side if it is below 0.
+    """
     task = Task(grid, load_robot("diff"), START, GOAL)
     context = make_context(grid, task.robot, grid.cell_at(GOAL), Moves.EIGHT)
     found, paths, now, changes = Detours(Moves.EIGHT, (context,)), Yielding(), task, []
     estimates = np.zeros((1, 8))
     estimates[0, (NAME, RADIUS)] = 7, 0.25
     for t in np.arange(0.0, 30.1, 0.25).tolist():
-        estimates[0, (X, Y)] = other[0] + (max(1.5 - t, 0.0) if came else 0.0), other[1]
+        estimates[0, (X, Y)] = other[0] + math.copysign(max(abs(came) - t, 0.0), came), other[1]
         found.update(estimates, np.full(1, t), t, at)
         after = paths.next_task(now, found, t, at)
         if after is not now:
@@ -73,17 +76,25 @@ def goes(grid: Grid, at: XY, other: XY, came: bool = True) -> tuple[Task, list[t
     return task, changes
 
 
-@pytest.mark.parametrize("came", [True, False])
-def test_the_refuge_is_beside_the_way_out(came: bool) -> None:
+@pytest.mark.parametrize(("came", "waits"), [(1.5, 6.5), (0.7, 5.0), (0.0, 20.0)])
+def test_the_refuge_is_beside_the_way_out(came: float, waits: float) -> None:
     """It is out of the corridor, and whoever comes out has room; one who was not seen to come may just stand there."""
     task, changes = goes(rooms(), (5.0, 2.0), (6.2, 2.0), came)
     when, there = changes[0]
-    assert when == pytest.approx(6.5 if came else 20.0, abs=0.5)
+    assert when == pytest.approx(waits, abs=0.5)
     assert 3.0 < there.goal[0] < 4.0 and abs(there.goal[1] - 2.0) > 0.3 + 0.25 + yielding._GAP - 0.1
     assert there.goal_tolerance < task.goal_tolerance and there.robot == task.robot
     if came:  # nobody moves, so it drives on after twice as long
         then, back = changes[1]
         assert back == task and 10.0 <= then - when <= 10.5
+
+
+def test_the_refuge_may_be_beside_somebody_who_moved_about() -> None:
+    """Where the robot stands now, in the middle of an intersection, he does not, although he has been as near as that."""
+    blocked = np.ones((40, 110), np.bool_)
+    blocked[16:24, 1:-1] = blocked[1:-1, 46:54] = False
+    _, changes = goes(Grid(blocked, 0.1), (5.0, 2.0), (6.1, 2.0), -0.7)
+    assert changes and abs(changes[0][1].goal[1] - 2.0) > 0.9
 
 
 @pytest.mark.parametrize("other", [(8.95, 2.0), (5.0, 2.0), (7.0, 2.0)])

@@ -158,12 +158,18 @@ class Detours:
         return times
 
 
-def without(context: PlanningContext, rows: NDArray[np.float64]) -> NDArray[np.uint32]:
-    """Return the legal moves from nodes, [context.rows, context.cols], but none at the places of these stays."""
+def without(context: PlanningContext, rows: NDArray[np.float64], xy: XY | None = None) -> NDArray[np.uint32]:
+    """Return the legal moves from nodes, [context.rows, context.cols], but none at the places of these stays.
+
+    Whoever moves about while he stays takes more room, but none that the robot at `xy` has.
+    """
     size, mask = context.resolution, context.legal.reshape(context.rows, context.cols).copy()
     for row, x, y in zip(rows, *middles(rows), strict=True):
         spread = 0.5 * math.hypot(row[stays.HIGH_X] - row[stays.LOW_X], row[stays.HIGH_Y] - row[stays.LOW_Y])
-        far = (context.radius + row[stays.SIZE] + spread) / size
+        contact = context.radius + row[stays.SIZE]
+        if xy is not None:
+            spread = min(spread, max(math.dist(xy, (x, y)) - contact, 0.0))
+        far = (contact + spread) / size
         r, c = (y - context.y0) / size, (x - context.x0) / size
         low_r, low_c = max(math.ceil(r - far), 0), max(math.ceil(c - far), 0)
         window = mask[low_r : max(math.floor(r + far) + 1, 0), low_c : max(math.floor(c + far) + 1, 0)]

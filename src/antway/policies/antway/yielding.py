@@ -22,6 +22,7 @@ from antway.world.policy import XY, Observation, Task
 _WAIT = 5.0  # s; who has stayed for this long may wait for the robot, and the robot for him
 _UNSURE = 20.0  # s; the same for somebody who was not seen to come, or who could be passed although the robot does not
 _LONGEST = 40.0  # s; if the other does not use the room, the robot waits for twice as long the next time, up to this
+_CAME = 0.4  # m; somebody who has moved as far as this since he was first seen counts as one who came
 _GAP = 0.3  # m; gap that the robot leaves to the other who passes it
 _TOLERANCE = 0.15  # m; the robot drives to its refuge as nearly as this
 _WALKS = 2.0  # s; whoever has stayed where he is for less than this may be walking
@@ -90,7 +91,8 @@ class Yielding:
             return None
         self._due, k = t + _WAIT, int(away.argmin())
         other, paths = (float(x[k]), float(y[k])), _Paths(detours, rows[stay >= 0.5 * _WAIT], xy)
-        came = rows[k, stays.SINCE] > self._first[float(rows[k, NAMED])]
+        moved = math.hypot(rows[k, stays.HIGH_X] - rows[k, stays.LOW_X], rows[k, stays.HIGH_Y] - rows[k, stays.LOW_Y])
+        came = rows[k, stays.SINCE] > self._first[float(rows[k, NAMED])] or moved > _CAME
         needed = _WAIT if came and math.isinf(paths.to(task.goal)) else _UNSURE
         if min(stay[k], t - self._since) < needed - 1e-6:
             return None
@@ -168,7 +170,7 @@ class _Paths:
 
     def __init__(self, detours: Detours, rows: NDArray[np.float64], xy: XY) -> None:
         context = self.context = detours.wide[0]
-        self.free = without(context, rows)
+        self.free = without(context, rows, xy)
         here = divmod(self.node(xy), context.cols)
         field = timed_field(self.free, detours.moves, here, scale=context.resolution / context.speed)
         self.times = np.where(self.free == 0, math.inf, field).ravel()
