@@ -78,7 +78,7 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
             for i in range(2):
                 contact = rng.uniform(0.4, 0.8)
                 xy = rng.uniform((0.5, 3.0), (3.0, 5.0))
-                velocity = rng.uniform(-0.6, 0.6, 2)
+                velocity = rng.uniform(-1.5, 1.5, 2)
                 colony.problem.outlook.disc[k, i] = (
                     *xy,
                     contact,
@@ -101,6 +101,21 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
         for k in range(steps):
             now = drive_cycle(now, *controls[k].tolist(), colony.problem.limits, robot.dt)
         assert path[-1] == pytest.approx(now[:2], abs=2e-3)
+
+
+def test_a_corner_of_a_footprint_that_an_obstacle_scrapes_within_a_step_is_a_contact() -> None:
+    """The obstacle passes the rear left corner at 0.19 m, and is 0.227 m from it at both ends of the step; its radius is 0.2 m."""
+    colony = _colony(LONG)
+    problem = colony.problem._replace(start=RobotState(2.0, 5.0, 0.0, 1.0, 0.0))
+    outlook, contact = problem.outlook, float(problem.field.box[4]) + 0.2
+    outlook.near[:], outlook.near[2] = 0, 1
+    controls, costs = np.full((len(outlook.plan), 2), (1.0, 0.0)), []
+    for away in (0.19, 0.26):
+        x, y = 2.0 - 0.6 * away - 0.1, 5.2 + 0.8 * away - 0.075  # at the end of the step, at which the corner is at (2.0, 5.2)
+        outlook.disc[2, 0] = x, y, contact, contact, 1.8, -1.0, -1.5, math.inf, contact + 0.01, 0, contact + 0.01, 0.0
+        costs.append(judge(controls, problem, math.inf, np.empty((0, 2))))
+        assert costs[-1] == pytest.approx(naive.cost_of(controls, problem, CORNERS), rel=0.02, abs=0.05)
+    assert costs[0] > costs[1] + 0.5 * problem.weights.contact
 
 
 def test_a_rollout_is_given_up_as_soon_as_the_plan_shows_that_it_must_be_too_dear_and_no_sooner() -> None:

@@ -24,6 +24,11 @@ def bilinear(field: np.ndarray, x: float, y: float, frame: np.ndarray) -> float:
     return sum(share * float(field[cell]) for cell, share in weights.items())
 
 
+def turned(heading: float) -> np.ndarray:
+    """Matrix that turns a vector of the map into the frame of a robot with this heading."""
+    return np.array([[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]])
+
+
 def _from_footprint(point: np.ndarray, corners: Corners) -> float:
     """Distance in m of a point in the robot's frame from its footprint, edge by edge; 0 within it."""
     edges = [(np.array(p), np.array(q)) for p, q in zip(corners, corners[1:] + corners[:1])]
@@ -41,14 +46,14 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
     for k, (ca, cb) in enumerate(controls.tolist()):
         if k * dt > arrived * dt + max(w.stopping_time - dt, 0.0) + 1e-9:
             ca = cb = 0.0
-        before, now = np.array(now[:2]), drive_cycle(now, ca, cb, limits, dt)
+        before, heading, now = np.array(now[:2]), now[2], drive_cycle(now, ca, cb, limits, dt)
         x, y, theta, a, b = now
-        theta = theta if limits.drive else state.theta  # without wheels a footprint keeps its heading
+        if not limits.drive:  # without wheels a footprint keeps its heading
+            theta = heading = state.theta
         decay = math.exp(-w.decay * k * dt)
         wall = bilinear(field.wall, x, y, field.wall_frame)
-        turn = np.array([[math.cos(theta), math.sin(theta)], [-math.sin(theta), math.cos(theta)]])
         if len(field.discs):
-            centres = [x, y] + field.discs[:, :2] @ turn
+            centres = [x, y] + field.discs[:, :2] @ turned(theta)
             wall = max(
                 wall, min(bilinear(field.wall, *at, field.wall_frame) + less for at, less in zip(centres, field.discs[:, 2]))
             )
@@ -66,13 +71,14 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
         late = w.stopping_time + speed / limits.brake_max
         for disc in outlook.disc[k, : outlook.near[k]].tolist():
             cx, cy, contact, preferred, top, vx, vy, straight, risky, owner, turn_distance, turn_time = disc
-            robot = before + np.linspace(0.0, 1.0, 2001)[:, None] * ([x, y] - before)
-            there = [cx, cy] + np.linspace(-dt, 0.0, 2001)[:, None] * [vx, vy]
-            nearest = int(np.hypot(*(robot - there).T).argmin()) or -1  # the start of the step is judged as the end of the last
-            offset = there[nearest] - robot[nearest]
-            away = math.hypot(*offset)
+            share = np.linspace(0.0, 1.0, 2001)[:, None]
+            offsets = [cx, cy] - (1.0 - share) * dt * [vx, vy] - before - share * ([x, y] - before)
+            nearest = int(np.hypot(*offsets.T).argmin()) or -1  # the start of the step is judged as the end of the last
+            away = math.hypot(*offsets[nearest])
             if len(field.discs):
-                away = _from_footprint(turn @ offset, corners) + field.box[4]
+                turns = heading + share[::10, 0] * math.remainder(theta - heading, math.tau)
+                gaps = [_from_footprint(turned(angle) @ at, corners) for angle, at in zip(turns, offsets[::10])]
+                away = gaps[int(np.argmin(gaps)) or -1] + field.box[4]
             cost += w.near * max(preferred - away, 0.0)
             danger = 0.0
             if away < risky:

@@ -82,14 +82,42 @@ def clearance(field: StaticField, at: MotionState, enough: float) -> float:
 
 
 @inner_kernel
-def footprint_distance(field: StaticField, at: MotionState, dx: float, dy: float) -> float:
-    """Return the distance from the robot's box to the point (-dx, -dy) from its centre, plus the radius of its disc, m.
+def _seen_from(at: MotionState, dx: float, dy: float) -> tuple[float, float]:
+    """Return how far ahead of the robot and how far to its left the point (-dx, -dy) from its centre is, m."""
+    return -(at.cos * dx + at.sin * dy), at.sin * dx - at.cos * dy
 
-    Obstacles keep the distances of centres that hold for the disc, so that the footprint is judged by the same numbers.
-    """
-    box = field.box
-    ahead, left = -(at.cos * dx + at.sin * dy), at.sin * dx - at.cos * dy
+
+@inner_kernel
+def _square_from(box: NDArray[np.float64], ahead: float, left: float) -> float:
+    """Return the squared distance of a point from the robot's box, m^2."""
     out = max(box[0] - ahead, ahead - box[1], 0.0)
     side = max(box[2] - left, left - box[3], 0.0)
-    distance: float = math.hypot(out, side) + box[4]
+    square: float = out * out + side * side
+    return square
+
+
+@inner_kernel
+def footprint_distance(
+    field: StaticField, before: MotionState, from_x: float, from_y: float, at: MotionState, dx: float, dy: float
+) -> float:
+    """Return the least distance of the robot's box from an obstacle in a step, plus the radius of the robot's disc, m.
+
+    The robot is at (from_x, from_y) from the obstacle `before` the step, and at (dx, dy) from it `at` the end. Seen from the
+    robot the obstacle moves in a straight line. It is nearest beside a corner of the box, at the end, or at the start, which
+    has been judged as the end of the step before. Obstacles keep the distances of centres that hold for the disc, so that the
+    footprint is judged by the same numbers.
+    """
+    box = field.box
+    (a, b), (ahead, left) = _seen_from(before, from_x, from_y), _seen_from(at, dx, dy)
+    nearest, start = _square_from(box, ahead, left), _square_from(box, a, b)
+    along, across = ahead - a, left - b
+    length = along * along + across * across
+    for i in range(2):
+        for j in range(2, 4):
+            da, db = box[i] - a, box[j] - b
+            if 0.0 < da * along + db * across < length:
+                square = (da * across - db * along) ** 2 / length
+                if square < start:
+                    nearest = min(nearest, square)
+    distance: float = math.sqrt(nearest) + box[4]
     return distance

@@ -57,18 +57,23 @@ def obstacle_cost(before: MotionState, at: MotionState, k: int, decay: float, pr
     limits, dt, field, outlook, w = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights
     speed = abs(at.a) if limits.drive != HOLONOMIC else math.hypot(at.a, at.b)
     guarded = w.stop > 0.0 and speed > 1e-3
-    stop_x, stop_y, stop_after, cost = at.x, at.y, 0.0, 0.0
+    stop_x, stop_y, stop_after, cost, has_box = at.x, at.y, 0.0, 0.0, len(field.discs) > 0
     if guarded:
         stop_x, stop_y = _standing_place(at, speed, limits)
         stop_after = w.stopping_time + speed / limits.brake_max
     for i in range(outlook.near[k]):
         disc = outlook.disc[k, i]
         dx, dy = at.x - disc[CENTRE_X], at.y - disc[CENTRE_Y]
-        square = dx * dx + dy * dy
+        moved_x, moved_y = at.x - before.x - disc[VX] * dt, at.y - before.y - disc[VY] * dt
+        from_x, from_y, square = dx - moved_x, dy - moved_y, dx * dx + dy * dy
+        if has_box:  # a corner of it may have been nearer in the step than its centre is at the end
+            square = min(square, from_x * from_x + from_y * from_y)
         if square < max(disc[PREFERRED], disc[RISKY], disc[TURN_DISTANCE]) ** 2:
-            moved_x, moved_y = at.x - before.x - disc[VX] * dt, at.y - before.y - disc[VY] * dt
-            dx, dy = _nearest_in_step(dx, dy, moved_x, moved_y)
-            distance = math.sqrt(dx * dx + dy * dy) if len(field.discs) == 0 else footprint_distance(field, at, dx, dy)
+            if has_box:
+                distance = footprint_distance(field, before, from_x, from_y, at, dx, dy)
+            else:
+                dx, dy = _nearest_in_step(dx, dy, moved_x, moved_y)
+                distance = math.sqrt(dx * dx + dy * dy)
             cost += w.near * max(disc[PREFERRED] - distance, 0.0)
             harm = 0.0
             if distance < disc[RISKY]:
