@@ -104,7 +104,7 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
 
 
 def test_a_corner_of_a_footprint_that_an_obstacle_scrapes_within_a_step_is_a_contact() -> None:
-    """The obstacle passes the rear left corner at 0.19 m, and is 0.227 m from it at both ends of the step; its radius is 0.2 m."""
+    """An obstacle of radius 0.2 m passes the rear left corner at 0.19 m; at both ends of the step it is 0.227 m from it."""
     colony = _colony(LONG)
     problem = colony.problem._replace(start=RobotState(2.0, 5.0, 0.0, 1.0, 0.0))
     outlook, contact = problem.outlook, float(problem.field.box[4]) + 0.2
