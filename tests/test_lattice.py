@@ -10,6 +10,7 @@ import pytest
 from antway import Grid, RobotSpec
 from antway.kernels.base.records import RobotState
 from antway.kernels.controls.lattice import best_arcs
+from antway.kernels.controls.outlook import write_beyond
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.nodes import make_context
 from antway.world.policy import Task
@@ -37,6 +38,7 @@ def _colony(robot: RobotSpec, rng: np.random.Generator) -> ControlColony:
         for i in range(3):
             at = x[i] + 0.1 * k * vx[i], y[i] + 0.1 * k * vy[i]
             colony.problem.outlook.disc[k, i] = *at, 0.5, 0.55, 1.0, vx[i], vy[i], math.inf, 0.7, i, 0.6, 0.3
+    write_beyond(robot.v_max, colony.problem.outlook)
     colony.problem = colony.problem._replace(weights=colony.problem.weights._replace(**FIRM))
     return colony
 
@@ -80,6 +82,7 @@ def test_without_expansions_it_is_the_longest_so_far_and_then_a_stop() -> None:
 def test_where_all_arcs_touch_it_is_a_stop() -> None:
     colony = _colony(WHEELS, np.random.default_rng(1))
     colony.problem.outlook.disc[:, 0, :2] = colony.problem.start[:2]
+    write_beyond(WHEELS.v_max, colony.problem.outlook)
     ant = np.ones((30, 2))
     assert best_arcs(ant, colony.lattice, colony.problem) == math.inf
     assert (ant == 0.0).all()

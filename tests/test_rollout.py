@@ -16,7 +16,7 @@ from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
 from antway.kernels.controls.motion import motion_state
 from antway.kernels.controls.others import average, restart
-from antway.kernels.controls.outlook import spread_plan
+from antway.kernels.controls.outlook import spread_plan, write_beyond
 from antway.kernels.controls.rollout import judge
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
@@ -92,6 +92,7 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
                     rng.uniform(0.1, 1.0),
                 )
         colony.problem.outlook.disc[steps] = colony.problem.outlook.disc[steps - 1]  # those that count afterwards
+        write_beyond(robot.v_max, colony.problem.outlook)
         colony.problem.outlook.plan[:] = [3.0, 4.0, 2.0 if trial % 3 else -math.inf]
         path = np.zeros((steps, 2))
         cost = judge(controls, colony.problem, math.inf, path)
@@ -113,6 +114,7 @@ def test_a_corner_of_a_footprint_that_an_obstacle_scrapes_within_a_step_is_a_con
     for away in (0.19, 0.26):
         x, y = 2.0 - 0.6 * away - 0.1, 5.2 + 0.8 * away - 0.075  # at the end of the step, at which the corner is at (2.0, 5.2)
         outlook.disc[2, 0] = x, y, contact, contact, 1.8, -1.0, -1.5, math.inf, contact + 0.01, 0, contact + 0.01, 0.0
+        write_beyond(LONG.v_max, outlook)
         costs.append(judge(controls, problem, math.inf, np.empty((0, 2))))
         assert costs[-1] == pytest.approx(naive.cost_of(controls, problem, CORNERS), rel=0.02, abs=0.05)
     assert costs[0] > costs[1] + 0.5 * problem.weights.contact
@@ -143,6 +145,7 @@ def test_what_obstacles_cost_afterwards_is_the_least_of_nine_motions(robot: Robo
         for disc in problem.outlook.disc[-1, :n]:
             disc[:2], disc[2], disc[5:7] = rng.uniform((0.0, 2.0), (4.0, 6.0)), rng.uniform(0.5, 0.7), rng.uniform(-1.4, 1.4, 2)
             disc[7], disc[8], disc[9] = rng.choice([0.7, math.inf]), disc[2] + rng.uniform(0.1, 0.6), rng.integers(3)
+        write_beyond(robot.v_max, problem.outlook)
         problem.outlook.harm[:3] = rng.choice([0.0, 1.0], 3)
         state = RobotState(*rng.uniform((0.8, 3.0, -3.0), (3.0, 5.0, 3.0)), *rng.uniform((-0.3, -1.0), (0.9, 1.0)))
         cost = cost_afterwards(motion_state(state), problem, 0.8)

@@ -87,7 +87,7 @@ def empty_outlook(steps: int, summed: bool = False) -> Outlook:
     plan = np.full((steps, 3), -math.inf)
     plan[:, :2] = 0.0
     discs, harm = np.zeros((steps + 1, _OBSTACLES, COLUMNS)), np.zeros(0 if summed else _OBSTACLES)
-    return Outlook(np.zeros(steps + 1, np.int64), discs, harm, plan)
+    return Outlook(np.zeros(steps + 1, np.int64), discs, np.zeros((steps + 1, 3, _OBSTACLES)), harm, plan)
 
 
 def _by_heading(

@@ -51,7 +51,7 @@ def cost_afterwards(at: MotionState, problem: ControlProblem, decay: float) -> f
     gx, gy, steep = slope(field, at.x, at.y, 1.0 / field.time_frame[2])
     if steep < 1e-9:
         return 0.0
-    least = math.inf
+    least, beyond = math.inf, outlook.beyond[steps]
     for motion in range(_STAND + 1):
         c, s = _MOTIONS[motion] if motion < _STAND else (0.0, 0.0)
         cost = _DELAY * AFTERWARDS * (1.0 - c)
@@ -65,6 +65,9 @@ def cost_afterwards(at: MotionState, problem: ControlProblem, decay: float) -> f
         end = start + _unblocked(at, ux, uy, AFTERWARDS - start, field, w.wall_margin)
         there_x, there_y = at.x + (end - start) * ux, at.y + (end - start) * uy
         for i in range(outlook.near[steps]):
+            dx, dy = at.x - beyond[0, i], at.y - beyond[1, i]
+            if dx * dx + dy * dy >= beyond[2, i]:
+                continue  # too far away to come near
             disc = outlook.disc[steps, i]
             nearest = _nearest(at.x, at.y, 0.0, 0.0, 0.0, start, disc)
             nearest = min(nearest, _nearest(at.x, at.y, ux, uy, start, end, disc))

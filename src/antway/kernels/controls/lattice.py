@@ -138,7 +138,9 @@ def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProble
     """
     node, link, command, heap = lattice.node, lattice.link, lattice.command, lattice.heap
     limits, dt, outlook = problem.limits, problem.dt, problem.outlook
-    summed = Outlook(outlook.near, outlook.disc, outlook.harm[:0], outlook.plan)  # adds up the costs of all steps
+    summed = Outlook(
+        outlook.near, outlook.disc, outlook.beyond, outlook.harm[:0], outlook.plan
+    )  # adds up the costs of all steps
     block = command.shape[1]
     arcs, held = len(ant) // block, len(lattice.held)
     longest = limits.v_max * block * dt

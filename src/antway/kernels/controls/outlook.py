@@ -52,6 +52,20 @@ class SpeedBounds(NamedTuple):
 
 
 @kernel
+def write_beyond(v_max: float, outlook: Outlook) -> None:
+    """Write from which distance on each obstacle of `outlook` costs a robot nothing whose top speed is `v_max` m/s."""
+    steps = len(outlook.plan)
+    for k in range(steps + 1):
+        for i in range(outlook.near[k]):
+            disc = outlook.disc[k, i]
+            distance = max(disc[PREFERRED], disc[RISKY], disc[TURN_DISTANCE])
+            if k == steps:
+                distance += (v_max + math.hypot(disc[VX], disc[VY])) * AFTERWARDS
+            outlook.beyond[k, 0, i], outlook.beyond[k, 1, i] = disc[CENTRE_X], disc[CENTRE_Y]
+            outlook.beyond[k, 2, i] = distance * distance
+
+
+@kernel
 def look_ahead(
     segments: NDArray[np.float64],
     sigma: NDArray[np.float64],
@@ -116,6 +130,7 @@ def look_ahead(
                 disc[TURN_DISTANCE], disc[TURN_TIME] = contact + turned, turn_time
                 disc[OWNER] = obstacle % max(len(outlook.harm), 1)
                 outlook.near[k] += 1
+    write_beyond(v_max, outlook)
 
 
 @kernel

@@ -41,6 +41,8 @@ class Outlook(NamedTuple):
 
     near: NDArray[np.int64]  # [S + 1] number of obstacles; last that of those that the robot could come near to afterwards
     disc: NDArray[np.float64]  # [S + 1, N, COLUMNS] where they are then; those of the last row, at the end of the last step
+    beyond: NDArray[np.float64]  # [S + 1, 3, N] x and y of each obstacle, m, and the square of the distance of the centres from
+    # which on it costs nothing, m^2; one row after another, so that all obstacles of a step are compared at once
     harm: NDArray[np.float64]  # [M] s; what each obstacle costs the rollout that is judged, at its worst step; if it is empty,
     # the costs of all steps are added up
     plan: NDArray[np.float64]  # [S, 3] x and y of the plan, m, and the time that it still takes from there, s

@@ -52,12 +52,24 @@ def _nearest_in_step(dx: float, dy: float, moved_x: float, moved_y: float) -> tu
 
 
 @inner_kernel
+def _none_near(x: float, y: float, n: int, beyond: NDArray[np.float64]) -> bool:
+    """Tell whether a robot at (x, y) is as far from all `n` obstacles as `beyond` says; the loop compares several at once."""
+    near = 0
+    for i in range(n):
+        dx, dy = x - beyond[0, i], y - beyond[1, i]
+        near += int(dx * dx + dy * dy < beyond[2, i])
+    return near == 0
+
+
+@inner_kernel
 def obstacle_cost(before: MotionState, at: MotionState, k: int, decay: float, problem: ControlProblem) -> float:
     """Return the cost of obstacles in step k, from `before` to `at`: contacts, close passes, stops that they could enter, s."""
     limits, dt, field, outlook, w = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights
     speed = abs(at.a) if limits.drive != HOLONOMIC else math.hypot(at.a, at.b)
-    guarded = w.stop > 0.0 and speed > 1e-3
-    stop_x, stop_y, stop_after, cost, has_box = at.x, at.y, 0.0, 0.0, len(field.discs) > 0
+    guarded, has_box = w.stop > 0.0 and speed > 1e-3, len(field.discs) > 0
+    if not guarded and not has_box and _none_near(at.x, at.y, outlook.near[k], outlook.beyond[k]):
+        return 0.0
+    stop_x, stop_y, stop_after, cost = at.x, at.y, 0.0, 0.0
     if guarded:
         stop_x, stop_y = _standing_place(at, speed, limits)
         stop_after = w.stopping_time + speed / limits.brake_max
@@ -68,7 +80,7 @@ def obstacle_cost(before: MotionState, at: MotionState, k: int, decay: float, pr
         from_x, from_y, square = dx - moved_x, dy - moved_y, dx * dx + dy * dy
         if has_box:  # a corner of it may have been nearer in the step than its centre is at the end
             square = min(square, from_x * from_x + from_y * from_y)
-        if square < max(disc[PREFERRED], disc[RISKY], disc[TURN_DISTANCE]) ** 2:
+        if square < outlook.beyond[k, 2, i]:
             if has_box:
                 distance = footprint_distance(field, before, from_x, from_y, at, dx, dy)
             else:
