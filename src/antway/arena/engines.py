@@ -231,7 +231,7 @@ def _work(pipe: Connection) -> None:
     threading.Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
     with suppress(OSError):  # where there is no stderr
         os.dup2(2, 1)  # what policies print does not belong to the answer on stdout
-    warnings.filterwarnings("ignore", module=r"antway\.")  # the main process has said it when it made the episodes
+    warnings.filterwarnings("ignore", category=UserWarning, module=r"antway\.")  # said when the main process made the episodes
     pipe.send(None)
     event.register("numba:compile", _Compiled(pipe))  # type: ignore[no-untyped-call]
     while True:
