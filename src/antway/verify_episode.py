@@ -116,8 +116,12 @@ def _end_faults(trace: Trace) -> Iterator[str]:
     most = len(trace) - (outcome == "reached")
     if ((away < task.goal_tolerance - _NEAR) & homeward)[: most + 1].any():
         yield "goes on after it reached the goal"
-    elif (_passes_goal(trace) & homeward[:-1])[: max(most, 0)].any():
-        yield "goes on after it passed the goal"
+    else:
+        # A step that leads past the goal begins so near to it; only then the cycles are driven again.
+        near = away[:-1] < task.goal_tolerance + task.robot.v_max * np.diff(trace.t)
+        before = (near & homeward[:-1])[: max(most, 0)]
+        if before.any() and (_passes_goal(trace)[: len(before)] & before).any():
+            yield "goes on after it passed the goal"
     gaps, wall = last_gaps(trace)
     if task.robot.stepwise and len(trace) > 0:
         wall = wall_gap(trace, len(trace) - 1)

@@ -76,8 +76,8 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
             nearest = int(np.hypot(*offsets.T).argmin()) or -1  # the start of the step is judged as the end of the last
             away = math.hypot(*offsets[nearest])
             if len(field.discs):
-                turns = heading + share[::10, 0] * math.remainder(theta - heading, math.tau)
-                gaps = [_from_footprint(turned(angle) @ at, corners) for angle, at in zip(turns, offsets[::10])]
+                turns = heading + share[::40, 0] * math.remainder(theta - heading, math.tau)
+                gaps = [_from_footprint(turned(angle) @ at, corners) for angle, at in zip(turns, offsets[::40])]
                 away = gaps[int(np.argmin(gaps)) or -1] + field.box[4]
             cost += w.near * max(preferred - away, 0.0)
             danger = 0.0
