@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.errors import BadParameter, InvalidPlan
-from antway.verify_motion import REST, driven, dynamic_faults, dynamic_gaps, finite_faults, last_gaps, shape_faults
+from antway.verify_motion import REST, Again, dynamic_faults, finite_faults, last_gaps, shape_faults
 from antway.verify_rounds import last_end, rounds_faults
 from antway.verify_steps import step_faults, step_gaps, wall_gap
 
@@ -41,9 +41,10 @@ def check_episode(episode: EpisodeResult | Trace) -> None:
         was never in range; if the outcome or a figure contradicts the trace; or if a stop was not visited as recorded.
     """
     trace = _trace_of(episode)
-    faults = _shape_faults(trace) or [*_motion_faults(trace), *_end_faults(trace), *rounds_faults(trace)]
+    again = Again(trace)
+    faults = _shape_faults(trace) or [*_motion_faults(again), *_end_faults(again), *rounds_faults(trace)]
     if hasattr(episode, "min_clearance") and not faults:
-        faults = _figure_faults(cast("EpisodeResult", episode), trace)
+        faults = _figure_faults(cast("EpisodeResult", episode), again)
     if faults:
         raise InvalidPlan(faults)
 
@@ -70,8 +71,9 @@ def _shape_faults(trace: Trace) -> list[str]:
     return faults
 
 
-def _motion_faults(trace: Trace) -> Iterator[str]:
+def _motion_faults(again: Again) -> Iterator[str]:
     """Yield violations of times, of the robot's limits, and of contacts before the end."""
+    trace = again.trace
     spec, t, dt = trace.task.robot, trace.t, np.diff(trace.t)
     if t[0] != 0.0 or (dt <= 0).any():
         yield "times do not increase from 0"
@@ -90,7 +92,7 @@ def _motion_faults(trace: Trace) -> Iterator[str]:
     if (trace.cycle_ms < 0.0).any():
         yield "a cycle took less than 0 ms"
     yield from _sensor_faults(trace)
-    yield from step_faults(trace) if spec.stepwise else dynamic_faults(trace)
+    yield from step_faults(trace) if spec.stepwise else dynamic_faults(again)
 
 
 def _sensor_faults(trace: Trace) -> Iterator[str]:
@@ -105,10 +107,10 @@ def _sensor_faults(trace: Trace) -> Iterator[str]:
         yield "senses something in the last row, in which it does not decide"
 
 
-def _end_faults(trace: Trace) -> Iterator[str]:
+def _end_faults(again: Again) -> Iterator[str]:
     """Yield contradictions between the end of the trace and its outcome."""
-    outcome = trace.outcome.value
-    task = trace.task
+    trace = again.trace
+    outcome, task = trace.outcome.value, trace.task
     away = np.hypot(*(trace.xy - np.array(task.goal)).T)
     if outcome == "reached" and away[-1] > task.goal_tolerance + _NEAR:
         yield f"claims to have reached the goal from {away[-1]:.7g} m away; the tolerance is {task.goal_tolerance:g} m"
@@ -116,12 +118,8 @@ def _end_faults(trace: Trace) -> Iterator[str]:
     most = len(trace) - (outcome == "reached")
     if ((away < task.goal_tolerance - _NEAR) & homeward)[: most + 1].any():
         yield "goes on after it reached the goal"
-    else:
-        # A step that leads past the goal begins so near to it; only then the cycles are driven again.
-        near = away[:-1] < task.goal_tolerance + task.robot.v_max * np.diff(trace.t)
-        before = (near & homeward[:-1])[: max(most, 0)]
-        if before.any() and (_passes_goal(trace)[: len(before)] & before).any():
-            yield "goes on after it passed the goal"
+    elif (_passes_goal(again) & homeward[:-1])[: max(most, 0)].any():
+        yield "goes on after it passed the goal"
     gaps, wall = last_gaps(trace)
     if task.robot.stepwise and len(trace) > 0:
         wall = wall_gap(trace, len(trace) - 1)
@@ -145,9 +143,10 @@ def _end_faults(trace: Trace) -> Iterator[str]:
         yield "claims an error before the horizon, and the robot was not braked"
 
 
-def _passes_goal(trace: Trace) -> NDArray[np.bool_]:
+def _passes_goal(again: Again) -> NDArray[np.bool_]:
     """Tell of each step whether the robot is at the goal within it."""
-    places = np.stack((trace.xy[:-1], trace.xy[1:]), axis=1) if trace.task.robot.stepwise else driven(trace)[1][:, :, :2]
+    trace = again.trace
+    places = np.stack((trace.xy[:-1], trace.xy[1:]), axis=1) if trace.task.robot.stepwise else again.cycles[1][:, :, :2]
     away, step = places[:, :-1] - np.array(trace.task.goal), np.diff(places, axis=1)
     square = (step**2).sum(axis=2)
     share = np.clip(-(away * step).sum(axis=2) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
@@ -155,9 +154,10 @@ def _passes_goal(trace: Trace) -> NDArray[np.bool_]:
     return nearest < trace.task.goal_tolerance - _DEEP
 
 
-def _figure_faults(result: EpisodeResult, trace: Trace) -> list[str]:
+def _figure_faults(result: EpisodeResult, again: Again) -> list[str]:
+    trace = again.trace
     stepwise = trace.task.robot.stepwise
-    gap = step_gaps(trace) if stepwise else dynamic_gaps(trace, *driven(trace)[:2])
+    gap = step_gaps(trace) if stepwise else again.gaps
     least = float(gap.min()) if gap.size else math.inf
     slack = _NEAR if stepwise else 1e-4  # for gaps that are sampled
     length = math.fsum(math.dist(a, b) for a, b in pairwise(trace.xy.tolist()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -184,9 +185,26 @@ def _glide(state: State, asked: Floats, spec: RobotSpec, h: Floats) -> State:
     return x, y, theta, vx, vy
 
 
-def dynamic_faults(trace: Trace) -> Iterator[str]:
+class Again:
+    """The cycles of a trace, each driven again at most once: what `driven` returns, and the gaps to obstacles."""
+
+    def __init__(self, trace: Trace) -> None:
+        self.trace = trace
+
+    @cached_property
+    def cycles(self) -> tuple[Floats, Floats, Floats]:
+        """What `driven` returns."""
+        return driven(self.trace)
+
+    @cached_property
+    def gaps(self) -> Floats:
+        """What `dynamic_gaps` returns."""
+        return dynamic_gaps(self.trace, *self.cycles[:2])
+
+
+def dynamic_faults(again: Again) -> Iterator[str]:
     """Yield where the trace does not follow limits and commands, and where the robot passes through something."""
-    times, states, speeds = driven(trace)
+    trace, (_, states, speeds) = again.trace, again.cycles
     if np.hypot(*(states[:, -1, :2] - trace.xy[1:]).T).max(initial=0.0) > 5 * _NEAR:
         yield "a place is not where its command leads"
     wheels = trace.task.robot.drive != "holonomic"
@@ -194,7 +212,7 @@ def dynamic_faults(trace: Trace) -> Iterator[str]:
     if turned.any():
         yield "a heading is not where its command turns it"
     yield from _speed_faults(trace, speeds)
-    gap = dynamic_gaps(trace, times, states)
+    gap = again.gaps
     for k in np.flatnonzero(gap.min(axis=0, initial=math.inf) < -_tolerance(trace)).tolist():
         yield f"passes through obstacle {trace.timeline.id[k]} in step {int(np.argmin(gap[:, k]))}"
     depth = [_wall_gap_within(trace, states[i]) for i in range(len(states))]

@@ -27,10 +27,10 @@ def check_clear(task: Task, name: str, xy: XY) -> None:
     """Raise `CellBlocked`, which names `name`, if the robot touches a wall or an edge of the map at `xy`."""
     if not clear(task, xy, xy):
         allowed = f"at least the robot's radius, {task.robot.radius:g} m, from walls and the map's edges"
-        raise CellBlocked(name, xy, f"{allowed}; the nearest is {wall_distance(task.grid, xy):.3g} m away")
+        raise CellBlocked(name, xy, f"{allowed}; the nearest is {_gap_to_wall(task.grid, xy):.3g} m away")
 
 
-def wall_distance(grid: Grid, xy: XY) -> float:
+def _gap_to_wall(grid: Grid, xy: XY) -> float:
     """Return the distance of a place from the nearest blocked cell or edge of the map, m; 0 in one or off the map."""
     (row, col), (rows, cols) = grid.to_points(xy)[0].tolist(), grid.shape
     edges = min(row, col, rows - 1 - row, cols - 1 - col) + 0.5

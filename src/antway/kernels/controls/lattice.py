@@ -138,9 +138,8 @@ def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProble
     """
     node, link, command, heap = lattice.node, lattice.link, lattice.command, lattice.heap
     limits, dt, outlook = problem.limits, problem.dt, problem.outlook
-    summed = Outlook(
-        outlook.near, outlook.disc, outlook.beyond, outlook.harm[:0], outlook.plan
-    )  # adds up the costs of all steps
+    # Without a place for what each obstacle costs, the costs of all steps are added up.
+    summed = Outlook(outlook.near, outlook.disc, outlook.beyond, outlook.harm[:0], outlook.plan)
     block = command.shape[1]
     arcs, held = len(ant) // block, len(lattice.held)
     longest = limits.v_max * block * dt
