@@ -129,12 +129,11 @@ def vary(
 
     The standard deviation is `factor` times `deviation`, float64[B, 2], and at least `least`.
     """
-    da, db = 0.0, 0.0
-    for k in range(len(out)):
-        if k % block == 0:
-            da = nearly_normal(state) * max(factor * deviation[k // block, 0], least[0])
-            db = nearly_normal(state) * max(factor * deviation[k // block, 1], least[1])
-        out[k, 0], out[k, 1] = within_limits(guide[k, 0] + da, guide[k, 1] + db, limits)
+    for b in range(len(deviation)):
+        da = nearly_normal(state) * max(factor * deviation[b, 0], least[0])
+        db = nearly_normal(state) * max(factor * deviation[b, 1], least[1])
+        for k in range(b * block, min((b + 1) * block, len(out))):
+            out[k, 0], out[k, 1] = within_limits(guide[k, 0] + da, guide[k, 1] + db, limits)
 
 
 @inner_kernel
