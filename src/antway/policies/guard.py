@@ -310,11 +310,10 @@ class _Dynamic:
         return self._command(o, one, two), did
 
     def state_at_action(self, o: Observation) -> RobotState:
-        """Return the robot's state when a command given now begins to act; without wheels, a footprint keeps its heading."""
+        """Return the robot's state when a command given now begins to act."""
         if self.late and o.pending is None:
             o = replace(o, pending=self.sent)
-        state = o.state_at_action(self.robot)
-        return state if self.robot.wheels else state._replace(theta=o.heading)
+        return o.state_at_action(self.robot)
 
     def stop(self, o: Observation) -> Command:
         """Return the next command of the certified stop."""

@@ -243,10 +243,13 @@ class Observation:
         return self.velocity[0] * math.cos(self.heading) + self.velocity[1] * math.sin(self.heading)
 
     def state_at_action(self, robot: RobotSpec) -> RobotState:
-        """Return the state of the robot when a command given now begins to act."""
+        """Return the robot's state when a command given now begins to act; without wheels, a footprint keeps its heading."""
         one, two = (self.speed, self.turn_rate) if robot.wheels else self.velocity
         state = RobotState(float(self.xy[0]), float(self.xy[1]), float(self.heading), float(one), float(two))
-        return state if robot.latency == 0.0 or self.pending is None else delayed(state, self.pending, robot.limits, robot.dt)
+        if robot.latency == 0.0 or self.pending is None:
+            return state
+        then = delayed(state, self.pending, robot.limits, robot.dt)
+        return then if robot.wheels or robot.footprint is None else then._replace(theta=state.theta)
 
 
 def _real(field: str, value: object) -> float:
