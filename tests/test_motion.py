@@ -178,17 +178,15 @@ def test_contact_is_where_samples_find_it(drive: int, shape: str) -> None:
         times = np.linspace(0.0, 0.1, len(rows)) if late < 1e-9 or late > 0.1 - 1e-9 else np.concatenate(
             (np.linspace(0.0, late, round(late / 1e-3) + 1), np.linspace(late, 0.1, round((0.1 - late) / 1e-3) + 1)[1:])
         )  # fmt: skip
-        gaps, wall, goal = [], [], []
-        for s, (x, y, theta, *_) in zip(times, rows):
-            if s > end + 1e-12:
-                break
-            here = twin.body_at(corners, x, y, theta)
-            places = [timeline_at(0.1 * count + s, discs, k)[:2] for k in range(4)]
-            gaps.append([twin.hull_gap(here, np.array([p])) - discs.radius[k] - rounding for k, p in enumerate(places)])
-            wall.append(twin.wall_gap(here, grid.blocked, 0.2, 0.5) - rounding)
-            goal.append(math.dist((x, y), aim[:2]) - aim[2])
+        within = times <= end + 1e-12
+        times, rows = times[within], rows[within]
+        here = twin.body_at(corners, *rows[:, :3].T)
+        places = np.array([[timeline_at(0.1 * count + s, discs, k)[:2] for k in range(4)] for s in times])
+        gaps = twin.hull_gap(here[:, None], places[:, :, None]) - discs.radius - rounding
+        wall = twin.wall_gap(here, grid.blocked, 0.2, 0.5) - rounding
+        goal = np.hypot(*(rows[:, :2] - aim[:2]).T) - aim[2]
         before = slice(None, -1) if what != GOES_ON else slice(None)
-        for gap in (np.min(gaps, axis=1), np.array(wall), np.array(goal)):
+        for gap in (gaps.min(axis=1), wall, goal):
             assert gap[before].min(initial=1.0) > -2e-6, (what, gap.min())
         x, y, theta = *record.xy[count + 1], record.heading[count + 1]
         if shape != "disc" and drive == HOLONOMIC:
@@ -201,7 +199,7 @@ def test_contact_is_where_samples_find_it(drive: int, shape: str) -> None:
             assert abs(twin.wall_gap(here, grid.blocked, 0.2, 0.5) - rounding) < 1e-7
         elif what == REACHED:
             assert abs(math.dist((x, y), aim[:2]) - aim[2]) < 1e-7 or end < 1e-9
-        assert -5e-3 < clearance - np.min(gaps) < 5e-6  # the samples are a millisecond apart
+        assert -5e-3 < clearance - gaps.min() < 5e-6  # the samples are a millisecond apart
     assert sum(told[what] > 0 for what in told) >= 2, told
 
 
@@ -220,11 +218,11 @@ def test_a_body_that_overlaps_a_wall_gets_out_of_it_without_delay() -> None:
         m = rolling(x, 2.0, theta, *speeds, 0.1)
         first = meets_wall(m, 0.1, body, walls)
         times = np.linspace(0.0, 0.1, 201)
-        deep = [twin.body_at(corners, *pose(m, s)[:3])[:, 0].min() for s in times]
+        deep = twin.body_at(corners, *np.array([pose(m, s)[:3] for s in times]).T)[:, :, 0].min(axis=1)
         inside = int(deep[0] < 0.0)
         told[inside] += first == math.inf
         until = times < first - 1e-9
-        assert np.array(deep)[until].min(initial=1.0) > min(deep[0], 0.0) - 1e-6
+        assert deep[until].min(initial=1.0) > min(deep[0], 0.0) - 1e-6
         if first < math.inf:
             x, later = (twin.body_at(corners, *pose(m, s)[:3])[:, 0].min() for s in (first, first + 1e-4))
             assert x < 1e-6 and later < x + 1e-7

@@ -82,41 +82,49 @@ def holonomic(state, command, limits, dt: float) -> np.ndarray:
     return np.array(rows)
 
 
-def body_at(corners: np.ndarray, x: float, y: float, theta: float) -> np.ndarray:
-    """Corners of the body in the world."""
-    c, s = math.cos(theta), math.sin(theta)
-    return corners @ np.array([[c, s], [-s, c]]) + (x, y)
+def body_at(corners: np.ndarray, x, y, theta) -> np.ndarray:
+    """Corners of the body in the world; of bodies at many places, if these are arrays."""
+    x, y, c, s = (np.asarray(value)[..., None] for value in (x, y, np.cos(theta), np.sin(theta)))
+    ahead, left = corners.T
+    return np.stack((x + c * ahead - s * left, y + s * ahead + c * left), axis=-1)
 
 
-def hull_gap(a: np.ndarray, b: np.ndarray) -> float:
-    """Distance of two convex polygons, counterclockwise, of one or more corners; negative if they overlap."""
-    depth = -math.inf
+def hull_gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Distance of two convex polygons, counterclockwise, of one or more corners; negative if they overlap.
+
+    The last two axes of an array are the corners of a polygon and their coordinates. All axes before are many polygons.
+    """
+    depth, least = -math.inf, math.inf
     for p, q in ((a, b), (b, a)):
-        for i in range(len(p) if len(p) > 1 else 0):
-            edge = p[(i + 1) % len(p)] - p[i]
-            normal = np.array([edge[1], -edge[0]]) / math.hypot(*edge)
-            depth = max(depth, float(((q - p[i]) @ normal).min()))
-    if depth <= 0.0 and max(len(a), len(b)) > 1:
-        return depth
-    least = math.inf
-    for p, q in ((a, b), (b, a)):
-        for i in range(len(p)):
-            start, edge = p[i], p[(i + 1) % len(p)] - p[i]
-            square = float(edge @ edge)
-            share = np.clip(((q - start) @ edge) / square, 0.0, 1.0) if square else np.zeros(len(q))
-            least = min(least, float(np.hypot(*(q - start - share[:, None] * edge).T).min()))
-    return least
+        edge = (np.roll(p, -1, axis=-2) - p)[..., None, :]
+        to = q[..., None, :, :] - p[..., None, :]  # from each corner of one polygon to each corner of the other
+        length = np.hypot(edge[..., 0], edge[..., 1])
+        if p.shape[-2] > 1:
+            outwards = (to[..., 0] * edge[..., 1] - to[..., 1] * edge[..., 0]) / length
+            depth = np.maximum(depth, outwards.min(axis=-1).max(axis=-1))
+        share = np.clip((to * edge).sum(axis=-1) / np.where(length > 0.0, length, 1.0) ** 2, 0.0, 1.0)
+        away = to - share[..., None] * edge
+        least = np.minimum(least, np.hypot(away[..., 0], away[..., 1]).min(axis=(-2, -1)))
+    return np.where((depth <= 0.0) & (max(a.shape[-2], b.shape[-2]) > 1), depth, least)
 
 
-def wall_gap(corners: np.ndarray, blocked: np.ndarray, size: float, reach: float) -> float:
-    """Distance of a convex polygon in the world from blocked squares and the edges of a map whose corner is (0, 0)."""
+def wall_gap(corners: np.ndarray, blocked: np.ndarray, size: float, reach: float) -> np.ndarray:
+    """Distance of a convex polygon in the world from blocked squares and the edges of a map whose corner is (0, 0).
+
+    Of many polygons, if `corners` has more than two axes. Squares that are further than `reach` away from all are left out.
+    """
     rows, cols = blocked.shape
-    least = float(min(corners.min(), (cols * size - corners[:, 0]).min(), (rows * size - corners[:, 1]).min()))
-    low, high = corners.min(axis=0) - reach, corners.max(axis=0) + reach
+    x, y = corners[..., 0], corners[..., 1]
+    least = np.minimum(np.minimum(x, cols * size - x), np.minimum(y, rows * size - y)).min(axis=-1)
     for r, c in np.argwhere(blocked):
-        if low[0] <= (c + 1) * size and c * size <= high[0] and low[1] <= (r + 1) * size and r * size <= high[1]:
+        if (
+            x.min() - reach <= (c + 1) * size
+            and c * size <= x.max() + reach
+            and y.min() - reach <= (r + 1) * size
+            and r * size <= y.max() + reach
+        ):
             square = np.array([(c, r), (c + 1, r), (c + 1, r + 1), (c, r + 1)]) * size
-            least = min(least, hull_gap(corners, square))
+            least = np.minimum(least, hull_gap(corners, square))
     return least
 
 
