@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,12 @@ needs_data = pytest.mark.skipif(not SHARED.is_dir(), reason=f"no test data at {S
 def cases(pull_request: int, nightly: int | None = None) -> int:
     """How many cases to run: `pull_request` in `make test`; SCALE times as many, up to `nightly`, in `make nightly`."""
     return max(1, int(min(pull_request * SCALE, nightly or pull_request * SCALE)))
+
+
+def costly(pull_request: int, nightly: int | None = None) -> int:
+    """As `cases`, for cases that take long and are much alike: `make test` plays a third of them, `make nightly` all."""
+    n = cases(pull_request, nightly)
+    return n if SCALE > 1 else max(1, math.ceil(n / 3))
 
 
 def play(tab: Any, steps: int) -> None:

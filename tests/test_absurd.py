@@ -19,7 +19,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as some
 
-from common import cases
+from common import costly
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="measures memory by /proc")
 SECONDS, MEBIBYTES = 2.0, 300.0  # of processor time, less compilation
@@ -212,7 +212,7 @@ def test_absurd_cases_are_refused_or_played(kind: str, player: Player) -> None:
     count: dict[str, int] = {"ok": 0, "refused": 0}
 
     @settings(
-        max_examples=cases(500, 5000), deadline=None, database=None, derandomize=True,
+        max_examples=costly(500, 5000), deadline=None, database=None, derandomize=True,
         suppress_health_check=list(HealthCheck), print_blob=False,
     )  # fmt: skip
     @given(some.fixed_dictionaries({"kind": some.just(kind), **KINDS[kind]}))

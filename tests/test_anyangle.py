@@ -15,7 +15,7 @@ from antway.grid import Grid, Moves
 from antway.planning import Budget, Plan, Problem, Status
 from antway.search.anyangle import METHODS, anyangle
 from antway.verify import _segment_fault, check_plan
-from common import SHARED, cases, free_cells, needs_data, random_grid
+from common import SHARED, cases, costly, free_cells, needs_data, random_grid
 from naive.dstarlite import grid_distance
 from naive.visibility import VisibilityGraph
 
@@ -29,7 +29,7 @@ def ends(rng: np.random.Generator, grid: Grid) -> list[tuple[int, int]]:
 def test_optimal_on_random_grids() -> None:
     """On random grids up to 20 x 20 the length equals the visibility graph's optimum to 1e-9, and never exceeds the grid's."""
     rng = np.random.default_rng(4)
-    for k in range(cases(300, 5000)):
+    for k in range(costly(300, 5000)):
         grid = random_grid(rng, 2, 20 if k % 10 == 0 else 11, (0.05, 0.6))
         if len(free_cells(grid)) < 2:
             continue
