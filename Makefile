@@ -56,6 +56,9 @@ test:
 	@$(MAKE) --no-print-directory -j3 warm browser ros
 	@$(MAKE) --no-print-directory -j2 check tests
 
+# Many tests start processes; each of them compiles the sources anew where an environment says that bytecode is not written.
+warm tests nightly: export PYTHONDONTWRITEBYTECODE :=
+
 tests: $(READY)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -rs
 
