@@ -142,6 +142,7 @@ def some_play(rng: np.random.Generator, drive: int, shape: str, latency: float):
     record.t[count], record.xy[count], record.velocity[count] = 0.1 * count, (x, y), velocity
     record.heading[count], record.turn_rate[count] = theta, 0.0 if drive == HOLONOMIC else b
     shifted = Trajectories(discs.knot_t + 0.1 * count, discs.knot_xy, discs.first, discs.radius)
+    shifted.knot_t.setflags(write=False)  # as those of a world are; else kernels would be compiled once more
     aim = np.array([*rng.uniform(0.0, 6.0, 2), 0.2])
     while math.dist(aim[:2], (x, y)) < 0.201:  # an episode that begins at its goal is over
         aim[:2] = rng.uniform(0.0, 6.0, 2)
