@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import antway
@@ -49,6 +50,12 @@ def files() -> list[Path]:
     return sorted(SOURCE.rglob("*.py"))
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    """The tree of a file, which several checks walk."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def names(tree: ast.AST) -> Iterator[tuple[int, str]]:
     """The line and the name of whatever a file gives a name to."""
     for node in ast.walk(tree):
@@ -88,7 +95,7 @@ def test_names_are_the_fields_words() -> None:
     found = []
     for path in files():
         home = path.relative_to(SOURCE).as_posix()
-        for line, name in names(ast.parse(path.read_text(encoding="utf-8"))):
+        for line, name in names(parsed(path)):
             if words(name) & FORBIDDEN and not {name, f"{home} {name}"} & set(ALLOWED):
                 found.append(f"{home}:{line} {name}")
     assert not found, "\n".join(found)
@@ -99,7 +106,7 @@ def test_functions_are_short() -> None:
     found = []
     for path in files():
         text = path.read_text(encoding="utf-8")
-        for node in functions(ast.parse(text)):
+        for node in functions(parsed(path)):
             described = node.body[0] if ast.get_docstring(node) else None
             length = (node.end_lineno or 0) - node.lineno + 1
             if described is not None:
@@ -114,7 +121,7 @@ def test_kernels_have_few_parameters() -> None:
     found = []
     for path in files():
         text = path.read_text(encoding="utf-8")
-        for node in functions(ast.parse(text)):
+        for node in functions(parsed(path)):
             count = len(node.args.posonlyargs) + len(node.args.args) + len(node.args.kwonlyargs)
             if is_kernel(node) and count > MOST_PARAMETERS_OF_A_KERNEL and not has_reason(text.splitlines(), node):
                 found.append(f"{path.relative_to(SOURCE)}:{node.lineno} {node.name}: {count} parameters")
