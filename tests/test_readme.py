@@ -7,7 +7,9 @@ import re
 import shlex
 import subprocess
 import sys
+import tempfile
 import warnings
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -55,17 +57,24 @@ def test_links_and_pictures_are_there(page: str) -> None:
         assert (ROOT / page).parent.joinpath(link).exists(), link
 
 
+@cache
+def played(script: Path) -> subprocess.CompletedProcess[str]:
+    """What came of an example, run in a folder of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        return subprocess.run(
+            [sys.executable, "-W", "error", str(script)],
+            cwd=folder,
+            env={**os.environ, "TMPDIR": folder, "ANTWAY_QUIET": "1"},
+            capture_output=True,
+            text=True,
+        )
+
+
 @pytest.mark.parametrize("script", sorted((ROOT / "examples").glob("*.py")), ids=lambda script: script.stem)
-def test_examples_run(script: Path, tmp_path: Path) -> None:
+def test_examples_run(script: Path) -> None:
     """Every example has at most forty lines and runs without a word on stderr."""
     assert len(script.read_text(encoding="utf-8").splitlines()) <= 40
-    done = subprocess.run(
-        [sys.executable, "-W", "error", str(script)],
-        cwd=tmp_path,
-        env={**os.environ, "TMPDIR": str(tmp_path), "ANTWAY_QUIET": "1"},
-        capture_output=True,
-        text=True,
-    )
+    done = played(script)
     assert done.returncode == 0 and done.stderr == "", done.stderr
     assert done.stdout
 
@@ -82,7 +91,7 @@ def table(text: str, head: str) -> dict[str, list[str]]:
 
 def test_lengths_of_ants_are_what_the_example_prints() -> None:
     """The README's table of ants and exact search has the gaps that examples/ants_or_exact.py prints, to a percent."""
-    done = subprocess.run([sys.executable, str(ROOT / "examples/ants_or_exact.py")], capture_output=True, text=True, check=True)
+    done = played(ROOT / "examples" / "ants_or_exact.py")
     gaps = [float(gap) for gap in re.findall(r"([\d.]+) %", done.stdout)]
     named = [row[0] for row in table(README, "| planner | length over").values()]
     assert named == [f"{gap:.0f} %" for gap in (gaps[0], *gaps[2:])]
