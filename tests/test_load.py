@@ -258,7 +258,7 @@ def test_a_request_that_drips_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     """D12: after a complete request, in the body of one, between two, and at the begin: a byte now and then keeps nobody in."""
     from antway.web import server
 
-    monkeypatch.setattr(server, "TIMEOUT", 1.0)
+    monkeypatch.setattr(server, "TIMEOUT", 0.5)
     with served() as port:
         head = f"Host: 127.0.0.1:{port}\r\n"
         whole = f"GET /page.js HTTP/1.1\r\n{head}\r\n".encode()
@@ -273,7 +273,7 @@ def test_a_request_that_drips_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
                 wire.sendall(first)
                 if first.startswith(b"GET"):
                     assert wire.recv(12)[9:] == b"200"
-                assert cut_after(wire, drip) < 1.0 + 3.0, (first, drip[:10])
+                assert cut_after(wire, drip) < 0.5 + 3.0, (first, drip[:10])
         with socket.create_connection(("127.0.0.1", port), timeout=10) as wire:  # and who is quick is served again and again
             for _ in range(300):
                 wire.sendall(whole)
