@@ -192,6 +192,7 @@ def test_a_person_can_play_step_scrub_and_switch(browser: Any, tmp_path: Path) -
         page.click("#save")
     assert Path(saved.value.path()).read_bytes()[:4] == b"\x89PNG"
     assert complaints == []
+    page.context.close()
 
 
 @needs_browser
@@ -263,6 +264,7 @@ def test_names_are_text_and_never_markup(browser: Any, tmp_path: Path) -> None:
         expect(page.locator("#reason")).to_have_js_property("textContent", text)
     assert page.evaluate("window.hit") is None and complaints == []
     assert page.locator("iframe, object, embed, base, img, a").count() == 0
+    page.context.close()
 
 
 @needs_browser
@@ -278,3 +280,4 @@ def test_the_page_fits_the_screen(browser: Any, tmp_path: Path, screen: dict[str
     css = "getComputedStyle(document.documentElement).getPropertyValue"
     assert page.evaluate(f"{css}('--ink').trim()") == ink and page.evaluate(f"{css}('--panel').trim()") == paper
     assert pixels(page, "robot") > 20 and pixels(page, "wall") > 100 and complaints == []
+    page.context.close()

@@ -14,7 +14,7 @@ from antway.arena.store import Results
 from antway.arena.suites import episodes, stage
 from antway.arena.summary import level_of, levels, markdown, paired, summarise
 from antway.view.report import report_page, write_report
-from browser import chromium, needs_browser
+from browser import boxes, chromium, needs_browser
 
 POLICIES = ["follow", "oracle"]
 
@@ -35,6 +35,18 @@ def file(tmp_path_factory):
 def rows(file):
     with Results(file, write=False) as results:
         return results.rows()
+
+
+@pytest.fixture(scope="module")
+def page(file, tmp_path_factory):
+    with Results(file, write=False) as results:
+        return write_report(results, tmp_path_factory.mktemp("page") / "r.html")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as one:
+        yield one
 
 
 def test_rows_measure_the_episode(rows):
@@ -84,11 +96,11 @@ def test_failures_keep_their_trace(file, rows):
             assert bool(results.trace(row.key)) == (not row.reached and row.policy in POLICIES)
 
 
-def test_the_page_is_whole_and_safe(file, tmp_path):
+def test_the_page_is_whole_and_safe(file, page):
     """Nothing is fetched, names are text, every plot and table is there, and the same file gives the same page."""
     with Results(file, write=False) as results:
-        page = report_page(results)
-        assert page == write_report(results, tmp_path / "r.html").read_text(encoding="utf-8")
+        assert report_page(results) == page.read_text(encoding="utf-8")
+    page = page.read_text(encoding="utf-8")
     assert "<script>alert(1)" not in page and "&lt;script&gt;alert(1)" in page
     assert not re.search(r"""(src|href)=["']?(https?:)?//""", page)
     for part in (
@@ -112,44 +124,40 @@ def test_an_empty_file_makes_a_page(tmp_path):
 @needs_browser
 @pytest.mark.parametrize("colours", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1400])
-def test_the_page_fits_the_screen(file, tmp_path, width, colours):
+def test_the_page_fits_the_screen(page, browser, width, colours):
     """Nothing runs off the side, and every plot and every label lies within its picture, which has the page's colours."""
-    with Results(file, write=False) as results:
-        page = write_report(results, tmp_path / "r.html")
-    with chromium() as browser:
-        tab = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=colours).new_page()
-        printed = []
-        tab.on("console", lambda message: printed.append(message.text))
-        tab.goto(page.as_uri())
-        assert tab.evaluate("document.documentElement.scrollWidth") <= width and printed == []
-        plots = tab.locator(".plots svg")
-        assert plots.count() == 2
-        for plot in plots.all():
-            outer = plot.bounding_box()
-            for text in plot.locator("text").all():
-                inner = text.bounding_box()
-                assert inner["x"] >= outer["x"] - 1 and inner["x"] + inner["width"] <= outer["x"] + outer["width"] + 1
-                assert inner["y"] >= outer["y"] - 1 and inner["y"] + inner["height"] <= outer["y"] + outer["height"] + 1
-            ink = plot.locator("text").first.evaluate("e => getComputedStyle(e).fill")
-            assert ink == {"light": "rgb(27, 31, 36)", "dark": "rgb(233, 236, 240)"}[colours]
+    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=colours)
+    tab, printed = context.new_page(), []
+    tab.on("console", lambda message: printed.append(message.text))
+    tab.goto(page.as_uri())
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width and printed == []
+    plots = tab.locator(".plots svg")
+    assert plots.count() == 2
+    for plot in plots.all():
+        outer, texts = plot.bounding_box(), boxes(plot.locator("text"))
+        assert texts
+        for inner in texts:
+            assert inner["x"] >= outer["x"] - 1 and inner["x"] + inner["width"] <= outer["x"] + outer["width"] + 1
+            assert inner["y"] >= outer["y"] - 1 and inner["y"] + inner["height"] <= outer["y"] + outer["height"] + 1
+        ink = plot.locator("text").first.evaluate("e => getComputedStyle(e).fill")
+        assert ink == {"light": "rgb(27, 31, 36)", "dark": "rgb(233, 236, 240)"}[colours]
+    context.close()
 
 
 @needs_browser
-def test_a_thumbnail_opens_the_replay(file, tmp_path):
+def test_a_thumbnail_opens_the_replay(page, browser):
     """In a browser: no error, no request, and a click on a failure plays it."""
-    with Results(file, write=False) as results:
-        page = write_report(results, tmp_path / "r.html")
-    with chromium() as browser:
-        context = browser.new_context(viewport={"width": 1280, "height": 900})
-        tab, printed, asked = context.new_page(), [], []
-        context.on("console", lambda message: printed.append(message.text))
-        context.on("request", lambda request: asked.append(request.url))
-        tab.goto(page.as_uri())
-        with context.expect_page() as opened:
-            tab.locator("[data-replay]").first.click()
-        opened.value.wait_for_selector("#outcome")
-        assert "synthetic" in opened.value.locator("#title").inner_text()
-        assert not printed and all(url.startswith(("file:", "blob:", "data:")) for url in asked)
+    context = browser.new_context(viewport={"width": 1280, "height": 900})
+    tab, printed, asked = context.new_page(), [], []
+    context.on("console", lambda message: printed.append(message.text))
+    context.on("request", lambda request: asked.append(request.url))
+    tab.goto(page.as_uri())
+    with context.expect_page() as opened:
+        tab.locator("[data-replay]").first.click()
+    opened.value.wait_for_selector("#outcome")
+    assert "synthetic" in opened.value.locator("#title").inner_text()
+    assert not printed and all(url.startswith(("file:", "blob:", "data:")) for url in asked)
+    context.close()
 
 
 def test_a_ratio_below_one_is_explained(rows):
