@@ -28,7 +28,7 @@ from antway.search.derived import NEIGHBOURS
 from antway.search.distance_field import dijkstra
 from antway.search.jps import jps, jumps_pay
 from antway.search.subgoals import hierarchy_of, subgoals
-from common import SHARED, cases, costly, free_cells, needs_data, pick, solvable
+from common import SHARED, cases, free_cells, needs_data, pick, solvable
 from naive import search as naive
 
 EXACT = {"dijkstra": dijkstra, "astar": astar, "jps": jps, "subgoals": subgoals}
@@ -64,7 +64,7 @@ def same(length: float, expected: float) -> bool:
 def test_random_grids_against_scipy(moves: Moves) -> None:
     """C1: on random grids every planner and the distance field equal SciPy's Dijkstra to 1e-9, under each corner rule."""
     rng = np.random.default_rng(1)
-    for _ in range(costly(2000, 200_000)):
+    for _ in range(cases(2000, 200_000)):
         grid = solvable(rng)
         start, goal = pick(rng, grid, 2)
         expected = scipy_field(grid, goal, moves)
