@@ -270,6 +270,7 @@ def test_the_guard_starts_from_the_state_after_the_pending_commands(drive: str) 
         own = (vx, vy) if drive == "holonomic" else (speed, turn)
         expected = np.array(delayed(RobotState(5.0, 5.0, theta, *own), pending, spec.limits, DT))
         if drive == "holonomic" and spec.footprint is not None:
+            assert state[2] == theta
             expected[2] = theta
         assert np.abs(state - expected).max() < 1e-12
 

@@ -92,6 +92,7 @@ def table(text: str, head: str) -> dict[str, list[str]]:
 def test_lengths_of_ants_are_what_the_example_prints() -> None:
     """The README's table of ants and exact search has the gaps that examples/ants_or_exact.py prints, to a percent."""
     done = played(ROOT / "examples" / "ants_or_exact.py")
+    done.check_returncode()
     gaps = [float(gap) for gap in re.findall(r"([\d.]+) %", done.stdout)]
     named = [row[0] for row in table(README, "| planner | length over").values()]
     assert named == [f"{gap:.0f} %" for gap in (gaps[0], *gaps[2:])]

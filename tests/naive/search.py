@@ -21,14 +21,8 @@ def steps(grid: Grid, moves: Moves, cell: Cell) -> Iterator[tuple[Cell, float]]:
     """Yield the cells one legal move from `cell`, and the length of the move in cells."""
     r, c = cell
     for dr, dc in all_moves(moves):
-        if is_free(grid, (r + dr, c + dc)) and passes(grid, moves, r, c, dr, dc):
+        if grid.is_free((r + dr, c + dc)) and passes(grid, moves, r, c, dr, dc):
             yield (r + dr, c + dc), math.hypot(dr, dc)
-
-
-def is_free(grid: Grid, cell: Cell) -> bool:
-    """Tell whether a cell is on the map and not blocked."""
-    (rows, cols), (r, c) = grid.shape, cell
-    return 0 <= r < rows and 0 <= c < cols and not grid.blocked[r, c]
 
 
 @cache
@@ -48,10 +42,10 @@ def passes(grid: Grid, moves: Moves, r: int, c: int, dr: int, dc: int) -> bool:
     if abs(dr) + abs(dc) == 1:
         return True
     if moves in SIDES_NEEDED:
-        return is_free(grid, (r + dr, c)) + is_free(grid, (r, c + dc)) >= SIDES_NEEDED[moves]
+        return grid.is_free((r + dr, c)) + grid.is_free((r, c + dc)) >= SIDES_NEEDED[moves]
     samples = [(r + dr * t / 24, c + dc * t / 24) for t in range(25)]  # 24 divides so that every corner is hit exactly
     return all(
-        is_free(grid, (row, col))
+        grid.is_free((row, col))
         for y, x in samples
         for row in {math.floor(y + 0.5), math.ceil(y - 0.5)}
         for col in {math.floor(x + 0.5), math.ceil(x - 0.5)}
@@ -78,8 +72,8 @@ def surroundings(grid: Grid) -> np.ndarray:
     around = np.zeros(grid.shape, np.uint8)
     for r in range(grid.shape[0]):
         for c in range(grid.shape[1]):
-            if is_free(grid, (r, c)):
-                around[r, c] = sum(1 << d for d, (dr, dc) in enumerate(DIRECTIONS) if is_free(grid, (r + dr, c + dc)))
+            if grid.is_free((r, c)):
+                around[r, c] = sum(1 << d for d, (dr, dc) in enumerate(DIRECTIONS) if grid.is_free((r + dr, c + dc)))
     return around
 
 
@@ -119,10 +113,10 @@ def jump(grid: Grid, cell: Cell, d: int) -> int:
     (r, c), (dr, dc) = cell, DIRECTIONS[d]
     for k in range(1, sum(grid.shape) + 2):
         r, c = r + dr, c + dc
-        if not is_free(grid, (r, c)):
+        if not grid.is_free((r, c)):
             return -k
         for side in (-1, 1):
-            if is_free(grid, (r + side * dc, c + side * dr)) and not is_free(grid, (r - dr + side * dc, c - dc + side * dr)):
+            if grid.is_free((r + side * dc, c + side * dr)) and not grid.is_free((r - dr + side * dc, c - dc + side * dr)):
                 return k
     raise AssertionError("a line has an end")
 
@@ -130,8 +124,8 @@ def jump(grid: Grid, cell: Cell, d: int) -> int:
 def is_corner(grid: Grid, cell: Cell) -> bool:
     """Tell whether a cell is free, with a blocked cell diagonally between two free sides."""
     r, c = cell
-    return is_free(grid, cell) and any(
-        is_free(grid, (r + dr, c)) and is_free(grid, (r, c + dc)) and not is_free(grid, (r + dr, c + dc))
+    return grid.is_free(cell) and any(
+        grid.is_free((r + dr, c)) and grid.is_free((r, c + dc)) and not grid.is_free((r + dr, c + dc))
         for dr in (-1, 1)
         for dc in (-1, 1)
     )
@@ -148,6 +142,6 @@ def sees(grid: Grid, one: Cell, other: Cell) -> bool:
         for i in range(diagonals + 1)
         for j in range(straights + 1)
     }
-    if any(not is_free(grid, cell) or (cell not in (one, other) and is_corner(grid, cell)) for cell in cells):
+    if any(not grid.is_free(cell) or (cell not in (one, other) and is_corner(grid, cell)) for cell in cells):
         return False
     return all(passes(grid, Moves.EIGHT, r, c, row, col) for r, c in cells if diagonals and (r + row, c + col) in cells)
