@@ -12,6 +12,8 @@ import pytest
 
 from antway import Grid
 from antway.kernels.base.records import Terrain
+from antway.kernels.controls.abreast import judge_all
+from antway.kernels.controls.problem import ControlProblem
 from antway.kernels.tracking import changes
 from antway.kernels.tracking.table import make_table
 
@@ -29,6 +31,13 @@ def costly(pull_request: int, nightly: int | None = None) -> int:
     """As `cases`, for cases that take long and are much alike: `make test` plays a third of them, `make nightly` all."""
     n = cases(pull_request, nightly)
     return n if SCALE > 1 else max(1, math.ceil(n / 3))
+
+
+def judge(controls: np.ndarray, problem: ControlProblem, limit: float = math.inf) -> float:
+    """What one sequence of controls costs."""
+    cost = np.empty(1)
+    judge_all(controls[None], problem, limit, cost)
+    return float(cost[0])
 
 
 def play(tab: Any, steps: int) -> None:

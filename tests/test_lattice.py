@@ -65,8 +65,9 @@ def test_what_is_found_costs_what_its_definition_says(robot: RobotSpec, seed: in
     found = best_arcs(ant, lattice, colony.problem)
     assert found >= least_of_arcs(held, block, 2, colony.problem) - 0.05
     problem = colony.problem
-    w = problem.weights._replace(risk=problem.weights.risk / block)
-    summed = problem._replace(outlook=problem.outlook._replace(harm=np.empty(0)), weights=w)
+    w = problem.weights
+    w = w._replace(risk=w.risk / block, turn_risk=w.turn_risk / block)
+    summed = problem._replace(lanes=problem.lanes._replace(harm=np.empty((64, 0))), weights=w)
     assert 2 * block * robot.dt + cost_of(ant, summed) == pytest.approx(found, abs=0.05)
 
 

@@ -10,9 +10,9 @@ import pytest
 from antway import BadParameter, Grid, Observation, RobotSpec, Scenario, Tracks, World, check_episode, make_policy, run
 from antway.kernels.base.records import RobotState
 from antway.kernels.baselines.mppi import path_integral
-from antway.kernels.controls.rollout import judge
 from antway.world.motions import BackAndForth, Line
 from antway.world.world import Obstacle
+from common import judge
 
 HALL = Grid(np.zeros((24, 40), dtype=bool), 0.25)
 WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
@@ -32,7 +32,7 @@ def test_the_mean_is_what_its_definition_says(robot: RobotSpec) -> None:
     path_integral(policy.nominal, policy.sampling, policy.problem, policy.random)
     drawn, cost = policy.sampling.drawn, policy.sampling.cost
     for i in (0, 1, 17, 399):
-        assert cost[i] == judge(drawn[i], policy.problem, math.inf, np.empty((0, 2)))
+        assert cost[i] == judge(drawn[i], policy.problem)
     weight = np.exp(-(cost - cost.min()) / 0.3)
     assert policy.nominal == pytest.approx(np.tensordot(weight / weight.sum(), drawn, 1), abs=1e-9)
     assert (drawn[0] == (0.5, 0.2)).all() and not drawn[1].any()

@@ -11,13 +11,13 @@ import pytest
 from antway import BadParameter, Grid, Moves, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, run
 from antway.arena.suites import Episode, build
 from antway.kernels.base.records import RobotState
+from antway.kernels.controls.abreast import LANES, X, Y, judge_all, path_of
 from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
 from antway.kernels.controls.motion import motion_state
 from antway.kernels.controls.others import average, restart
 from antway.kernels.controls.outlook import spread_plan, write_beyond
-from antway.kernels.controls.rollout import judge
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.nodes import away_from_walls, make_context
@@ -27,7 +27,7 @@ from antway.world.policy import Task
 from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
-from common import cases, costly
+from common import cases, costly, judge
 from naive import rollout as naive
 
 WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
@@ -95,9 +95,10 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
         write_beyond(robot.v_max, colony.problem.outlook)
         colony.problem.outlook.plan[:] = [3.0, 4.0, 2.0 if trial % 3 else -math.inf]
         path = np.zeros((steps, 2))
-        cost = judge(controls, colony.problem, math.inf, path)
+        cost = judge(controls, colony.problem)
+        path_of(controls, colony.problem, path)
         assert cost == pytest.approx(naive.cost_of(controls, colony.problem, robot.footprint or ()), rel=0.02, abs=0.05)
-        assert judge(controls, colony.problem, 0.5 * cost, path) == math.inf  # sooner or later it is sure to be above the limit
+        assert judge(controls, colony.problem, 0.5 * cost) == math.inf  # sooner or later it is sure to be above the limit
         now = colony.problem.start
         for k in range(steps):
             now = drive_cycle(now, *controls[k].tolist(), colony.problem.limits, robot.dt)
@@ -115,7 +116,7 @@ def test_a_corner_of_a_footprint_that_an_obstacle_scrapes_within_a_step_is_a_con
         x, y = 2.0 - 0.6 * away - 0.1, 5.2 + 0.8 * away - 0.075  # at the end of the step, at which the corner is at (2.0, 5.2)
         outlook.disc[2, 0] = x, y, contact, contact, 1.8, -1.0, -1.5, math.inf, contact + 0.01, 0, contact + 0.01, 0.0
         write_beyond(LONG.v_max, outlook)
-        costs.append(judge(controls, problem, math.inf, np.empty((0, 2))))
+        costs.append(judge(controls, problem))
         assert costs[-1] == pytest.approx(naive.cost_of(controls, problem, CORNERS), rel=0.02, abs=0.05)
     assert costs[0] > costs[1] + 0.5 * problem.weights.contact
 
@@ -128,11 +129,12 @@ def test_a_rollout_is_given_up_as_soon_as_the_plan_shows_that_it_must_be_too_dea
         spread_plan(knots, 0.0, WHEELS.dt, arrival, 0.3, colony.problem.outlook.plan)
         for _ in range(20):
             controls = np.repeat(rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)), 5, axis=0)[:steps]
-            cost = judge(controls, colony.problem, math.inf, np.empty((0, 2)))
-            assert judge(controls, colony.problem, cost + 1e-6, np.empty((0, 2))) == cost
-        path = np.zeros((steps, 2))
-        assert judge(controls, colony.problem, arrival - 0.3 - WHEELS.dt * steps, path) == math.inf
-        assert not path[1:].any()
+            cost = judge(controls, colony.problem)
+            assert judge(controls, colony.problem, cost + 1e-6) == cost
+        path, last = np.zeros((steps, 2)), colony.problem.lanes.value[[X, Y]]
+        assert judge(controls, colony.problem, arrival - 0.3 - WHEELS.dt * steps) == math.inf
+        path_of(controls, colony.problem, path)
+        assert (colony.problem.lanes.value[[X, Y]] == path[0]).all() and (path[0] != last).all()
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
@@ -146,11 +148,12 @@ def test_what_obstacles_cost_afterwards_is_the_least_of_nine_motions(robot: Robo
             disc[:2], disc[2], disc[5:7] = rng.uniform((0.0, 2.0), (4.0, 6.0)), rng.uniform(0.5, 0.7), rng.uniform(-1.4, 1.4, 2)
             disc[7], disc[8], disc[9] = rng.choice([0.7, math.inf]), disc[2] + rng.uniform(0.1, 0.6), rng.integers(3)
         write_beyond(robot.v_max, problem.outlook)
-        problem.outlook.harm[:3] = rng.choice([0.0, 1.0], 3)
+        harm = np.zeros(64)
+        harm[:3] = rng.choice([0.0, 1.0], 3)
         state = RobotState(*rng.uniform((0.8, 3.0, -3.0), (3.0, 5.0, 3.0)), *rng.uniform((-0.3, -1.0), (0.9, 1.0)))
-        cost = cost_afterwards(motion_state(state), problem, 0.8)
-        harm = dict(enumerate(problem.outlook.harm.tolist()))
-        assert cost == pytest.approx(naive.afterwards_of(state, problem, 0.8, harm), abs=0.02)
+        cost = cost_afterwards(motion_state(state), problem, 0.8, harm, math.inf)
+        assert cost == pytest.approx(naive.afterwards_of(state, problem, 0.8, dict(enumerate(harm.tolist()))), abs=0.02)
+        assert cost_afterwards(motion_state(state), problem, 0.8, harm, 0.7 * cost) == pytest.approx(0.7 * cost)
         costs.add(round(cost, 3))
     assert 0.0 in costs and len(costs) > 10
 
@@ -162,7 +165,7 @@ def test_a_rollout_that_reaches_the_goal_sooner_costs_so_much_less(robot: RobotS
     colony.problem = colony.problem._replace(start=RobotState(7.7, 4.1, 0.0, 0.5, 0.0))
     problem = colony.problem._replace(weights=colony.problem.weights._replace(progress=0.0))
     fast, slow = (np.full((len(colony.problem.outlook.plan), 2), (speed, 0.0)) for speed in (1.0, 0.5))
-    costs = [judge(one, problem, math.inf, np.empty((0, 2))) for one in (fast, slow)]
+    costs = [judge(one, problem) for one in (fast, slow)]
     assert costs[1] - costs[0] == pytest.approx(1.0 / 0.5 - (1.0 + 0.125), abs=robot.dt)  # 1 m to go
     assert costs == pytest.approx([naive.cost_of(one, problem) for one in (fast, slow)])
 
@@ -177,7 +180,8 @@ def test_a_rollout_that_could_not_stop_behind_the_goal_costs_more(robot: RobotSp
     problem = colony.problem._replace(field=field._replace(goal=np.array([edge - 0.15, 4.1, 0.2, math.inf])), weights=weights)
     for speed in (0.6, 0.7, 1.0):
         controls, path = np.full((len(colony.problem.outlook.plan), 2), (speed, 0.0)), np.zeros((60, 2))
-        cost = judge(controls, problem, math.inf, path)
+        cost = judge(controls, problem)
+        path_of(controls, problem, path)
         arrived = int((path[:, 0] > edge - 0.35).argmax())
         assert arrived > 0
         in_time = -(len(controls) - 1 - arrived) * robot.dt
@@ -295,7 +299,7 @@ def test_the_archive_stays_sorted_and_never_loses_the_best(robot: RobotSpec) -> 
         assert (np.diff(costs) >= 0.0).all()
         assert sorted(a.order[: a.used[0]].tolist()) == list(range(int(a.used[0])))
         assert costs[0] <= best
-        judged = judge(a.sequence[a.order[0]], colony.problem, math.inf, np.empty((0, 2)))
+        judged = judge(a.sequence[a.order[0]], colony.problem)
         assert judged == pytest.approx(costs[0])
         best = costs[0]
     before = a.sequence[a.order[0]].copy()
@@ -319,16 +323,17 @@ def test_what_ants_are_compared_with_spends_the_same_rollouts(search: str) -> No
         (restart if search == "random" else average)(*known)
         kept, cost = a.sequence[a.order[0]], a.cost[a.order[0]]
         assert a.used[0] == 1
-        assert cost == pytest.approx(judge(kept, colony.problem, math.inf, np.empty((0, 2))))
+        assert cost == pytest.approx(judge(kept, colony.problem))
         if search == "random":
             assert cost <= before + 1e-9
             before = cost
             continue
-        assert how.cost[0] == judge(how.drawn[0], colony.problem, math.inf, np.empty((0, 2)))
-        share = np.exp(-(how.cost - how.cost.min()) / how.temperature)
+        drawn, costs = a.ants[: options.ants], a.ant_cost[: options.ants]
+        assert costs[0] == judge(drawn[0], colony.problem)
+        share = np.exp(-(costs - costs.min()) / how.temperature)
         if search == "cem":
-            share = (np.argsort(np.argsort(how.cost)) < how.elite).astype(float)
-        assert kept == pytest.approx(np.tensordot(share / share.sum(), how.drawn, 1), abs=1e-9)
+            share = (np.argsort(np.argsort(costs)) < how.elite).astype(float)
+        assert kept == pytest.approx(np.tensordot(share / share.sum(), drawn, 1), abs=1e-9)
 
 
 def test_a_mean_drives_as_well() -> None:

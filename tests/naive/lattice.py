@@ -12,7 +12,7 @@ from antway.kernels.controls.lookup import clearance, sample, turning_loss
 from antway.kernels.controls.motion import MotionState, step
 from antway.kernels.controls.problem import ControlProblem, StaticField
 from antway.kernels.controls.rollout import lost_time, obstacle_cost
-from antway.kernels.controls.seeds import downhill
+from antway.kernels.controls.seeds import descend, downhill
 
 
 def least_bound(
@@ -22,7 +22,6 @@ def least_bound(
     problem: ControlProblem,
 ) -> float:
     """The bound on the time to the goal of the first sequence of arcs that is complete."""
-    problem = problem._replace(outlook=problem.outlook._replace(harm=np.empty(0)))
     limits, dt, field = problem.limits, problem.dt, problem.field
     x, y, heading, a, b = problem.start
     heap: list[tuple[float, int, MotionState, int, float, bool]] = [
@@ -40,7 +39,9 @@ def least_bound(
                 commands[:] = held[i]
             else:
                 here = problem._replace(start=RobotState(at.x, at.y, math.atan2(at.sin, at.cos), at.a, at.b))
-                downhill(commands, here, 0.5, limits.v_max / (1 + i - len(held)), 0.0, 0)
+                path = np.empty((100, 2))
+                points = descend(path, field, at.x, at.y, limits.v_max * block * dt)
+                downhill(commands, here, path, points, limits.v_max / (1 + i - len(held)), 0.0, 0)
             driven = _drive(commands, at, n * block, problem)
             if driven is None:
                 continue
@@ -63,7 +64,7 @@ def _drive(
     harm, field, w = 0.0, problem.field, problem.weights
     for q, (ca, cb) in enumerate(commands.tolist()):
         before, at = at, step(at, ca, cb, problem.limits, problem.dt)
-        here = obstacle_cost(before, at, first + q, 1.0, problem)
+        here = obstacle_cost(before, at, first + q, 1.0, problem, np.empty(0))
         if clearance(field, at, w.wall_margin) < w.wall_margin or here >= w.contact:
             return None
         harm += here

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits, RobotState
+from antway.kernels.controls.abreast import LANES, ROWS
 from antway.kernels.controls.fields import beyond_walls, turning_times, wall_distance
-from antway.kernels.controls.problem import COLUMNS, Outlook, StaticField
+from antway.kernels.controls.seeds import descent_points
+from antway.kernels.controls.problem import COLUMNS, Lanes, Outlook, StaticField
 from antway.world.policy import XY, Observation, Task
 from antway.world.robots import RobotSpec
 
@@ -79,15 +81,21 @@ def with_times(field: StaticField, task: Task, time_to_goal: NDArray[np.float64]
     return field._replace(time=time, time_frame=frame, turning=turning, turning_frame=turning_frame)
 
 
-def empty_outlook(steps: int, summed: bool = False) -> Outlook:
-    """Return an outlook on `steps` steps without obstacles and without a plan.
+def empty_outlook(steps: int) -> Outlook:
+    """Return an outlook on `steps` steps without obstacles and without a plan."""
+    plan = np.full((steps, 3), -math.inf)
+    plan[:, :2] = 0.0
+    discs = np.zeros((steps + 1, _OBSTACLES, COLUMNS))
+    return Outlook(np.zeros(steps + 1, np.int64), discs, np.zeros((steps + 1, 3, _OBSTACLES)), plan)
+
+
+def make_lanes(length: float, summed: bool = False) -> Lanes:
+    """Return memory for rollouts, and for ways of up to `length` m down the time to the goal.
 
     If `summed`, the costs of an obstacle are added up over all steps; else its worst step counts.
     """
-    plan = np.full((steps, 3), -math.inf)
-    plan[:, :2] = 0.0
-    discs, harm = np.zeros((steps + 1, _OBSTACLES, COLUMNS)), np.zeros(0 if summed else _OBSTACLES)
-    return Outlook(np.zeros(steps + 1, np.int64), discs, np.zeros((steps + 1, 3, _OBSTACLES)), harm, plan)
+    harm, path = np.zeros((LANES, 0 if summed else _OBSTACLES)), np.zeros((descent_points(length), 2))
+    return Lanes(np.zeros(ROWS * LANES), np.zeros(LANES, np.int64), harm, path)
 
 
 def _by_heading(

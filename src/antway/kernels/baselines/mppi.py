@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State
+from antway.kernels.controls.abreast import judge_all
 from antway.kernels.controls.colony import nearly_normal
 from antway.kernels.controls.motion import within_limits
 from antway.kernels.controls.problem import ControlProblem
-from antway.kernels.controls.rollout import cost_below
 
 
 class Sampling(NamedTuple):
@@ -34,7 +34,6 @@ def path_integral(nominal: NDArray[np.float64], sampling: Sampling, problem: Con
     One copy is without noise and one is a stop.
     """
     count, steps = sampling.drawn.shape[0], len(nominal)
-    least = math.inf
     for i in range(count):
         da, db = 0.0, 0.0
         one = sampling.drawn[i]
@@ -44,8 +43,8 @@ def path_integral(nominal: NDArray[np.float64], sampling: Sampling, problem: Con
             one[k, 0], one[k, 1] = within_limits(nominal[k, 0] + da, nominal[k, 1] + db, problem.limits)
         if i == 1:
             one[:] = 0.0
-        sampling.cost[i] = cost_below(math.inf, one, problem)
-        least = min(least, sampling.cost[i])
+    judge_all(sampling.drawn, problem, math.inf, sampling.cost)
+    least = sampling.cost.min()
     nominal[:] = 0.0
     total = 0.0
     for i in range(count):

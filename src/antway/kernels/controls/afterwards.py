@@ -36,22 +36,35 @@ _MOTIONS = tuple((math.cos(angle), math.sin(angle)) for angle in (0.25 * math.pi
 _STAND = len(_MOTIONS)
 
 
+@inner_kernel
+def _none_near(x: float, y: float, n: int, beyond: NDArray[np.float64]) -> bool:
+    """Tell whether a robot at (x, y) is as far from all `n` obstacles as `beyond` says; the loop compares several at once."""
+    near = 0
+    for i in range(n):
+        dx, dy = x - beyond[0, i], y - beyond[1, i]
+        near += int(dx * dx + dy * dy < beyond[2, i])
+    return near == 0
+
+
 @bare_kernel
-def cost_afterwards(at: MotionState, problem: ControlProblem, decay: float) -> float:
-    """Return what obstacles cost a robot after it is `at` the end of a rollout, s.
+def cost_afterwards(
+    at: MotionState, problem: ControlProblem, decay: float, costs: NDArray[np.float64], limit: float
+) -> float:
+    """Return what obstacles cost a robot after it is `at` the end of a rollout, s, or `limit` if it is more.
 
     Each of nine motions costs the time that it loses, and for each obstacle the risk of contact where it is nearest, as far as
     that is more than the obstacle has cost before. The least of them counts. Obstacles that are slower than the robot count
-    less, because they do not catch up with it. `decay` is the weight of risks by then.
+    less, because they do not catch up with it. `decay` is the weight of risks by then, and `costs`, float64[M], the
+    sequence's row of `Lanes.harm`.
     """
     limits, field, outlook, w = problem.limits, problem.field, problem.outlook, problem.weights
     steps = len(outlook.plan)
-    if outlook.near[steps] == 0 or w.risk == 0.0 or len(outlook.harm) == 0:
+    if w.risk == 0.0 or len(costs) == 0 or _none_near(at.x, at.y, outlook.near[steps], outlook.beyond[steps]):
         return 0.0
     gx, gy, steep = slope(field, at.x, at.y, 1.0 / field.time_frame[2])
     if steep < 1e-9:
         return 0.0
-    least, beyond = math.inf, outlook.beyond[steps]
+    least, beyond = limit, outlook.beyond[steps]
     for motion in range(_STAND + 1):
         c, s = _MOTIONS[motion] if motion < _STAND else (0.0, 0.0)
         cost = _DELAY * AFTERWARDS * (1.0 - c)
@@ -69,14 +82,14 @@ def cost_afterwards(at: MotionState, problem: ControlProblem, decay: float) -> f
             if dx * dx + dy * dy >= beyond[2, i]:
                 continue  # too far away to come near
             disc = outlook.disc[steps, i]
-            nearest = _nearest(at.x, at.y, 0.0, 0.0, 0.0, start, disc)
-            nearest = min(nearest, _nearest(at.x, at.y, ux, uy, start, end, disc))
-            nearest = min(nearest, _nearest(there_x, there_y, 0.0, 0.0, end, AFTERWARDS, disc))
-            uncertain = disc[RISKY] - disc[CONTACT]
-            if nearest < disc[RISKY]:
-                share = min((disc[RISKY] - nearest) / uncertain, 1.0)
-                share *= share * min(uncertain / _UNSURE, 1.0) * min(math.hypot(disc[VX], disc[VY]) / limits.v_max, 1.0)
-                cost += max(decay * w.risk * share - outlook.harm[int(disc[OWNER])], 0.0)
+            square = _least_square(at.x, at.y, 0.0, 0.0, 0.0, start, disc)
+            square = min(square, _least_square(at.x, at.y, ux, uy, start, end, disc))
+            square = min(square, _least_square(there_x, there_y, 0.0, 0.0, end, AFTERWARDS, disc))
+            if square < disc[RISKY] * disc[RISKY]:
+                uncertain = disc[RISKY] - disc[CONTACT]
+                share = min((disc[RISKY] - math.sqrt(square)) / uncertain, 1.0)
+                share *= share * min(uncertain / _UNSURE, 1.0) * min(math.sqrt(disc[VX] * disc[VX] + disc[VY] * disc[VY]) / limits.v_max, 1.0)
+                cost += max(decay * w.risk * share - costs[int(disc[OWNER])], 0.0)
                 if cost >= least:
                     break
         least = min(least, cost)
@@ -107,8 +120,8 @@ def _unblocked(at: MotionState, ux: float, uy: float, span: float, field: Static
 
 
 @inner_kernel
-def _nearest(x: float, y: float, ux: float, uy: float, since: float, until: float, disc: NDArray[np.float64]) -> float:
-    """Return the least distance of an obstacle from a robot that moves from (x, y) at (ux, uy) m/s, between two times, m.
+def _least_square(x: float, y: float, ux: float, uy: float, since: float, until: float, disc: NDArray[np.float64]) -> float:
+    """Return the least squared distance of an obstacle from a robot that moves from (x, y) at (ux, uy) m/s from `since` on, m^2.
 
     What the obstacle does after a wall has changed its velocity does not count.
     """
@@ -119,4 +132,5 @@ def _nearest(x: float, y: float, ux: float, uy: float, since: float, until: floa
     wx, wy = ux - disc[VX], uy - disc[VY]
     square = wx * wx + wy * wy
     t = min(max(-(dx * wx + dy * wy) / square, 0.0), until - since) if square > 1e-9 else 0.0
-    return math.hypot(dx + wx * t, dy + wy * t)
+    dx, dy = dx + wx * t, dy + wy * t
+    return dx * dx + dy * dy

@@ -12,14 +12,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import inner_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.base.rng import State, next_bits, uniform
+from antway.kernels.controls.abreast import judge_all
 from antway.kernels.controls.lattice import Lattice, best_arcs
 from antway.kernels.controls.motion import within_limits
 from antway.kernels.controls.problem import ControlProblem
-from antway.kernels.controls.rollout import cost_below
-from antway.kernels.controls.seeds import SEEDS, write_seed
+from antway.kernels.controls.seeds import SEEDS, descend, write_seed
+
+_UNKNOWN = -1.0  # first entry of a spread that has not been computed in this round
 
 
 class Archive(NamedTuple):
@@ -30,7 +32,8 @@ class Archive(NamedTuple):
     order: NDArray[np.int64]  # [K] slots, best first
     spread: NDArray[np.float64]  # [K, B, 2] mean distance of a sequence to the others, by block
     used: NDArray[np.int64]  # [1] number of slots in use
-    ant: NDArray[np.float64]  # [S, 2] scratch for the sequence of one ant
+    ants: NDArray[np.float64]  # [N, S, 2] sequences that are drawn and judged abreast
+    ant_cost: NDArray[np.float64]  # [N] s
     block: int  # number of steps that share a draw
 
 
@@ -75,9 +78,9 @@ def _spread(archive: Archive, place: int) -> None:
 
 
 @inner_kernel
-def insert(archive: Archive, cost: float) -> None:
-    """Insert the ant with its cost in s if the archive has space or the ant is better than the worst."""
-    n, most = archive.used[0], len(archive.cost)
+def insert(archive: Archive, ant: int) -> None:
+    """Insert an ant if the archive has space or the ant is better than the worst."""
+    n, most, cost, drawn = archive.used[0], len(archive.cost), archive.ant_cost[ant], archive.ants[ant]
     if n == most:
         if cost >= archive.cost[archive.order[n - 1]]:
             return
@@ -91,10 +94,9 @@ def insert(archive: Archive, cost: float) -> None:
         i -= 1
     archive.order[i] = place
     archive.cost[place] = cost
-    for k in range(archive.ant.shape[0]):
-        archive.sequence[place, k, 0], archive.sequence[place, k, 1] = archive.ant[k, 0], archive.ant[k, 1]
+    for k in range(len(drawn)):
+        archive.sequence[place, k, 0], archive.sequence[place, k, 1] = drawn[k, 0], drawn[k, 1]
     archive.used[0] = n + 1
-    _spread(archive, place)
 
 
 @inner_kernel
@@ -137,38 +139,44 @@ def vary(
 
 
 @inner_kernel
-def draw(archive: Archive, colony: ColonySettings, limits: RobotLimits, state: State) -> None:
+def draw(archive: Archive, ant: int, colony: ColonySettings, limits: RobotLimits, state: State) -> None:
     """Draw one ant around a guide that is picked by rank."""
     n = archive.used[0]
     rank = n
     while rank >= n:
         rank = int(abs(nearly_normal(state)) * colony.locality * len(archive.cost))
     guide = archive.order[rank]
+    if archive.spread[guide, 0, 0] == _UNKNOWN:
+        _spread(archive, guide)
     least = colony.wide if uniform(state) < colony.exploration else colony.least
-    vary(archive.ant, archive.sequence[guide], archive.spread[guide], colony.xi, least, archive.block, limits, state)
+    vary(archive.ants[ant], archive.sequence[guide], archive.spread[guide], colony.xi, least, archive.block, limits, state)
 
 
-@inner_kernel
-def take(archive: Archive, problem: ControlProblem) -> None:
-    """Compute the cost of the ant, and insert it if it is good enough."""
-    insert(archive, cost_below(worst(archive), archive.ant, problem))
+@bare_kernel
+def take(archive: Archive, n: int, problem: ControlProblem) -> None:
+    """Judge the first n ants abreast, and insert those that are good enough."""
+    judge_all(archive.ants[:n], problem, worst(archive), archive.ant_cost)
+    for i in range(n):
+        insert(archive, i)
 
 
 @kernel
 def refill(archive: Archive, lattice: Lattice, problem: ControlProblem, most: int) -> None:
     """Fill the archive for a new problem: with its best sequences, up to `most`, then the best arcs, then the seeds."""
     n = min(archive.used[0], most)
-    archive.used[0] = 0
-    kept, order = archive.sequence.copy(), archive.order[:n].copy()
     for i in range(n):
-        archive.ant[:] = kept[order[i]]
-        take(archive, problem)
+        archive.ants[i] = archive.sequence[archive.order[i]]
+    archive.used[0] = 0
+    take(archive, n, problem)
+    n = 0
     if problem.outlook.near[:-1].any():
-        best_arcs(archive.ant, lattice, problem)
-        take(archive, problem)
+        best_arcs(archive.ants[0], lattice, problem)
+        n = 1
+    path, span = problem.lanes.path, problem.limits.v_max * archive.ants.shape[1] * problem.dt
+    points = descend(path, problem.field, problem.start.x, problem.start.y, span)
     for i in range(SEEDS):
-        if write_seed(archive.ant, problem, i):
-            take(archive, problem)
+        n += int(write_seed(archive.ants[n], problem, path, points, i))
+    take(archive, n, problem)
 
 
 @kernel
@@ -176,11 +184,10 @@ def forage(archive: Archive, lattice: Lattice, colony: ColonySettings, problem: 
     """Improve the archive for the robot's problem, in rounds of ants."""
     refill(archive, lattice, problem, len(archive.cost))
     for _ in range(colony.rounds):
-        for i in range(archive.used[0]):
-            _spread(archive, i)
-        for _ in range(colony.ants):
-            draw(archive, colony, problem.limits, state)
-            take(archive, problem)
-    archive.ant[1:] = archive.sequence[archive.order[0], :-1]
-    archive.ant[0] = 0.0  # the best sequence a period later; until then the robot brakes
-    take(archive, problem)
+        archive.spread[:, 0, 0] = _UNKNOWN
+        for i in range(colony.ants):
+            draw(archive, i, colony, problem.limits, state)
+        take(archive, colony.ants, problem)
+    archive.ants[0, 1:] = archive.sequence[archive.order[0], :-1]
+    archive.ants[0, 0] = 0.0  # the best sequence a period later; until then the robot brakes
+    take(archive, 1, problem)

@@ -16,20 +16,33 @@ from numpy.typing import NDArray
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
-from antway.kernels.controls.lookup import at_goal, clearance, time_to_go, turning_loss
-from antway.kernels.controls.motion import MotionState, motion_state, step
-from antway.kernels.controls.problem import ControlProblem, Outlook
-from antway.kernels.controls.rollout import lost_time, obstacle_cost
-from antway.kernels.controls.seeds import downhill
+from antway.kernels.controls.abreast import (
+    COST as COST_SO_FAR,
+    HARM,
+    ONE,
+    TWO,
+    WALL,
+    close_up,
+    drive,
+    lane_state,
+    obstacle_costs,
+    set_lane,
+    wall_distances,
+)
+from antway.kernels.controls.lookup import at_goal, time_to_go, turning_loss
+from antway.kernels.controls.motion import MotionState, motion_state
+from antway.kernels.controls.problem import ControlProblem, Lanes
+from antway.kernels.controls.rollout import lost_time
+from antway.kernels.controls.seeds import descend, downhill
 
 DOWNHILL = 2  # number of arcs that follow the field down, at full and at half speed, besides those of a constant command
-_LOOK = 0.5  # m; these arcs steer to the point this far down the field
 _HEADINGS = 16  # poses are similar only if their headings are in the same one of this many sectors
 _SPEEDS = 3  # poses are similar only if their speeds are in the same one of this many parts of full speed
 _CELL = 0.4  # 1; poses are similar only if they are in the same square, whose edge is this times the longest arc
 # Columns of a node: place in m, cosine and sine of the heading, speed and turn rate (or vx and vy), and cost in s.
 X, Y, COS, SIN, SPEED, SPIN, COST = range(7)
 PARENT, ARCS, DONE = range(3)  # columns of a link: the node before, the number of arcs since the start, 1 at the goal
+_TOUCHES = -1  # value of DONE
 
 
 class Lattice(NamedTuple):
@@ -60,28 +73,49 @@ def _store(row: NDArray[np.float64], at: MotionState, cost: float) -> None:
 
 
 @inner_kernel
-def _drive(lattice: Lattice, parent: int, new: int, problem: ControlProblem) -> bool:
-    """Drive the arc from node `parent` to node `new`, and fill the new row; tell whether it touches no wall and no obstacle."""
-    commands, link, w = lattice.command[new], lattice.link, problem.weights
-    at, cost = _state_at(lattice.node[parent]), lattice.node[parent, COST]
-    block = len(commands)
-    first = link[parent, ARCS] * block
-    link[new, PARENT], link[new, ARCS], link[new, DONE] = parent, link[parent, ARCS] + 1, 0
+def _drive_arcs(lattice: Lattice, parent: int, first: int, count: int, problem: ControlProblem) -> None:
+    """Drive `count` arcs from node `parent` abreast, by the commands of the new nodes from `first` on, and fill these nodes.
+
+    DONE is `_TOUCHES` where an arc touches a wall or an obstacle.
+    """
+    node, link, dt, w, lanes = lattice.node, lattice.link, problem.dt, problem.weights, problem.lanes
+    value, block, at, n = lanes.value, lattice.command.shape[1], _state_at(node[parent]), count
+    for i in range(n):
+        set_lane(value, i, at)
+        value[COST_SO_FAR + i], lanes.sequence[i] = node[parent, COST], i
+        link[first + i, PARENT], link[first + i, ARCS], link[first + i, DONE] = parent, link[parent, ARCS] + 1, _TOUCHES
     for q in range(block):
-        before, at = at, step(at, commands[q, 0], commands[q, 1], problem.limits, problem.dt)
-        if clearance(problem.field, at, w.wall_margin) < w.wall_margin:
-            return False
-        if problem.outlook.near[first + q] > 0:
-            harm = obstacle_cost(before, at, first + q, 1.0, problem)
-            if harm >= w.contact:
-                return False
-            cost += harm / block
-        if at_goal(problem.field, at):
-            link[new, DONE] = 1
-            cost -= (block - 1 - q) * problem.dt
-            break
-    _store(lattice.node[new], at, cost + block * problem.dt)
-    return True
+        k, to = link[parent, ARCS] * block + q, 0
+        for i in range(n):
+            new = first + lanes.sequence[i]
+            value[ONE + i], value[TWO + i] = lattice.command[new, q, 0], lattice.command[new, q, 1]
+        drive(value, n, problem.limits, dt)
+        wall_distances(value, n, problem.field, w.wall_margin)
+        if problem.outlook.near[k] > 0:
+            obstacle_costs(lanes, n, k, 1.0, problem)
+        for i in range(n):
+            harm = value[HARM + i] if problem.outlook.near[k] > 0 else 0.0
+            if value[WALL + i] >= w.wall_margin and harm < w.contact:
+                value[COST_SO_FAR + i] += harm / block
+                close_up(lanes, i, to)
+                ends = at_goal(problem.field, lane_state(value, to))
+                if ends or q == block - 1:
+                    new, cost = first + lanes.sequence[to], value[COST_SO_FAR + to] - (block - 1 - q) * dt
+                    link[new, DONE] = int(ends)
+                    _store(node[new], lane_state(value, to), cost + block * dt)
+                to += int(not ends)
+        n = to
+
+
+@inner_kernel
+def _move(lattice: Lattice, new: int, to: int) -> None:
+    """Move a node to row `to`."""
+    for i in range(lattice.node.shape[1]):
+        lattice.node[to, i] = lattice.node[new, i]
+    for i in range(lattice.link.shape[1]):
+        lattice.link[to, i] = lattice.link[new, i]
+    for q in range(lattice.command.shape[1]):
+        lattice.command[to, q, 0], lattice.command[to, q, 1] = lattice.command[new, q, 0], lattice.command[new, q, 1]
 
 
 @inner_kernel
@@ -137,9 +171,8 @@ def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProble
         Speed and turn rate, or vx and vy, commanded in each period.
     """
     node, link, command, heap = lattice.node, lattice.link, lattice.command, lattice.heap
-    limits, dt, outlook = problem.limits, problem.dt, problem.outlook
-    # Without a place for what each obstacle costs, the costs of all steps are added up.
-    summed = Outlook(outlook.near, outlook.disc, outlook.beyond, outlook.harm[:0], outlook.plan)
+    limits, dt, lanes = problem.limits, problem.dt, problem.lanes
+    summed = Lanes(lanes.value, lanes.sequence, lanes.harm[:, :0], lanes.path)  # the costs of all steps are added up
     block = command.shape[1]
     arcs, held = len(ant) // block, len(lattice.held)
     longest = limits.v_max * block * dt
@@ -161,16 +194,21 @@ def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProble
         left -= 1
         x, y, cos, sin, speed, spin = _state_at(node[at])
         start = RobotState(x, y, math.atan2(sin, cos), speed, spin)
-        from_node = ControlProblem(start, limits, dt, problem.field, summed, problem.weights)
-        for i in range(held + DOWNHILL):
-            if i < held:
-                for q in range(block):
-                    command[used, q, 0], command[used, q, 1] = lattice.held[i, 0], lattice.held[i, 1]
-            else:
-                downhill(command[used], from_node, _LOOK, limits.v_max if i == held else 0.5 * limits.v_max, 0.0, 0)
-            if _drive(lattice, at, used, from_node):
-                bound = _bound(lattice, used, from_node)
-                if _better(lattice, used, bound, limits, longest):
+        from_node = ControlProblem(start, limits, dt, problem.field, problem.outlook, problem.weights, summed)
+        first = used
+        for i in range(held):
+            for q in range(block):
+                command[first + i, q, 0], command[first + i, q, 1] = lattice.held[i, 0], lattice.held[i, 1]
+        points = descend(lanes.path, problem.field, x, y, longest)
+        for i in range(DOWNHILL):
+            speed = limits.v_max if i == 0 else 0.5 * limits.v_max
+            downhill(command[first + held + i], from_node, lanes.path, points, speed, 0.0, 0)
+        _drive_arcs(lattice, at, first, held + DOWNHILL, from_node)
+        for new in range(first, first + held + DOWNHILL):
+            if link[new, DONE] != _TOUCHES:
+                bound = _bound(lattice, new, from_node)
+                if _better(lattice, new, bound, limits, longest):
+                    _move(lattice, new, used)
                     size = push(heap, size, bound, used)
                     used += 1
     ant[:] = 0.0

@@ -32,7 +32,7 @@ def slope(field: StaticField, x: float, y: float, e: float) -> tuple[float, floa
     """Return the central differences of the time to the goal over 2 e m along x and along y, and their norm, s."""
     gx = sample(field.time, x + e, y, field.time_frame) - sample(field.time, x - e, y, field.time_frame)
     gy = sample(field.time, x, y + e, field.time_frame) - sample(field.time, x, y - e, field.time_frame)
-    return gx, gy, math.hypot(gx, gy)
+    return gx, gy, math.sqrt(gx * gx + gy * gy)
 
 
 @inner_kernel

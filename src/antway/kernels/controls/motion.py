@@ -47,16 +47,17 @@ def ramp(now: float, target: float, rise: float, fall: float) -> tuple[float, fl
 def step(at: MotionState, one: float, two: float, limits: RobotLimits, dt: float) -> MotionState:
     """Return the motion state after a period of `dt` s under the command (one, two), whose units are those of a and b.
 
+    Square roots, unlike `math.hypot`, become SIMD instructions where rollouts are stepped abreast.
     The motion is that of kernels/robot/motion.py, except that the arc is replaced by its chord in the direction of the heading
     at half time. The error is less than a millimetre.
     """
     x, y, c, s, a, b = at
     if limits.drive == HOLONOMIC:
-        speed = math.hypot(one, two)
+        speed = math.sqrt(one * one + two * two)
         if speed > limits.v_max:
             one, two = one * limits.v_max / speed, two * limits.v_max / speed
         da, db = one - a, two - b
-        change = math.hypot(da, db)
+        change = math.sqrt(da * da + db * db)
         most = (limits.brake_max if one * one + two * two < a * a + b * b else limits.a_max) * dt
         if change > most:
             da, db = da * most / change, db * most / change

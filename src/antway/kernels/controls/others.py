@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State, below
+from antway.kernels.controls.abreast import judge_all
 from antway.kernels.controls.colony import Archive, ColonySettings, insert, refill, vary
 from antway.kernels.controls.lattice import Lattice
 from antway.kernels.controls.problem import ControlProblem
-from antway.kernels.controls.rollout import cost_below
 
 
 class Averaging(NamedTuple):
@@ -21,16 +21,16 @@ class Averaging(NamedTuple):
 
     elite: int  # this many best sequences have equal weight (cross-entropy method); 0: weights exp(-cost / temperature) (MPPI)
     temperature: float  # s
-    drawn: NDArray[np.float64]  # [N, S, 2] the sequences of a round
-    cost: NDArray[np.float64]  # [N] s
     mean: NDArray[np.float64]  # [S, 2]
     spread: NDArray[np.float64]  # [B, 2] standard deviation of a draw, by block
 
 
 @kernel
-def _average_of_round(averaging: Averaging, block: int, least: tuple[float, float]) -> None:
+def _average_of_round(
+    averaging: Averaging, drawn: NDArray[np.float64], cost: NDArray[np.float64], block: int, least: tuple[float, float]
+) -> None:
     """Compute the mean of the sequences drawn, and in the cross-entropy method their spread, which is at least `least`."""
-    mean, spread, drawn, cost = averaging.mean, averaging.spread, averaging.drawn, averaging.cost
+    mean, spread = averaging.mean, averaging.spread
     order, share = np.argsort(cost), np.zeros(len(cost))
     elite = order[: averaging.elite]
     if averaging.elite > 0:
@@ -68,20 +68,21 @@ def average(
     2018). Otherwise it is the cross-entropy method (Rubinstein and Kroese 2004), which draws with the spread of the elite.
     """
     mean, spread, block = averaging.mean, averaging.spread, archive.block
+    drawn, cost = archive.ants[: colony.ants], archive.ant_cost[: colony.ants]
     refill(archive, lattice, problem, 1)
     mean[:] = archive.sequence[archive.order[0]]
     spread[:, 0], spread[:, 1] = colony.wide
     for _ in range(colony.rounds):
         for i in range(colony.ants):
             if i == 0:
-                averaging.drawn[i] = mean
+                drawn[i] = mean
             else:
-                vary(averaging.drawn[i], mean, spread, 1.0, (0.0, 0.0), block, problem.limits, state)
-            averaging.cost[i] = cost_below(math.inf, averaging.drawn[i], problem)
-        _average_of_round(averaging, block, colony.least)
-    archive.used[0] = 0
-    archive.ant[:] = mean
-    insert(archive, cost_below(math.inf, mean, problem))
+                vary(drawn[i], mean, spread, 1.0, (0.0, 0.0), block, problem.limits, state)
+        judge_all(drawn, problem, math.inf, cost)
+        _average_of_round(averaging, drawn, cost, block, colony.least)
+    archive.used[0], archive.ants[colony.ants] = 0, mean
+    judge_all(archive.ants[colony.ants : colony.ants + 1], problem, math.inf, archive.ant_cost[colony.ants :])
+    insert(archive, colony.ants)
 
 
 @kernel
@@ -97,15 +98,16 @@ def restart(
     spread = averaging.spread
     refill(archive, lattice, problem, 1)
     spread[:, 0], spread[:, 1] = colony.wide
-    best = archive.cost[archive.order[0]]
+    best, cost = archive.cost[archive.order[0]], archive.ant_cost[: colony.ants]
     averaging.mean[:] = archive.sequence[archive.order[0]]
-    for _ in range(colony.rounds * colony.ants):
-        guide = archive.sequence[archive.order[below(state, archive.used[0])]]
-        vary(archive.ant, guide, spread, 1.0, (0.0, 0.0), archive.block, problem.limits, state)
-        cost = cost_below(best, archive.ant, problem)
-        if cost < best:
-            best = cost
-            averaging.mean[:] = archive.ant
+    for _ in range(colony.rounds):
+        for i in range(colony.ants):
+            guide = archive.sequence[archive.order[below(state, archive.used[0])]]
+            vary(archive.ants[i], guide, spread, 1.0, (0.0, 0.0), archive.block, problem.limits, state)
+        judge_all(archive.ants[: colony.ants], problem, best, cost)
+        if cost.min() < best:
+            best = cost.min()
+            averaging.mean[:] = archive.ants[cost.argmin()]
     archive.used[0] = 0
-    archive.ant[:] = averaging.mean
-    insert(archive, best)
+    archive.ants[0], cost[0] = averaging.mean, best
+    insert(archive, 0)

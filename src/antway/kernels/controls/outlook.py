@@ -128,7 +128,7 @@ def look_ahead(
                 disc[CONTACT], disc[PREFERRED], disc[RISKY] = contact, contact + margins.preferred_gap, contact + uncertain
                 disc[STRAIGHT] = t1 - t if turns else math.inf
                 disc[TURN_DISTANCE], disc[TURN_TIME] = contact + turned, turn_time
-                disc[OWNER] = obstacle % max(len(outlook.harm), 1)
+                disc[OWNER] = obstacle % size
                 outlook.near[k] += 1
     write_beyond(v_max, outlook)
 

@@ -1,4 +1,4 @@
-"""What a sequence of controls costs: it is rolled out with the robot's dynamics among walls and obstacles."""
+"""The parts of what a rollout costs: obstacles, time lost to ramps and turns, a stop behind a wall."""
 
 from __future__ import annotations
 
@@ -9,16 +9,12 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
-from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.lookup import (
-    at_goal,
     clearance,
     footprint_distance,
     slope,
-    time_to_go,
-    turning_loss,
 )
-from antway.kernels.controls.motion import MotionState, motion_state, step
+from antway.kernels.controls.motion import MotionState
 from antway.kernels.controls.problem import (
     CENTRE_X,
     CENTRE_Y,
@@ -52,23 +48,16 @@ def _nearest_in_step(dx: float, dy: float, moved_x: float, moved_y: float) -> tu
 
 
 @inner_kernel
-def _none_near(x: float, y: float, n: int, beyond: NDArray[np.float64]) -> bool:
-    """Tell whether a robot at (x, y) is as far from all `n` obstacles as `beyond` says; the loop compares several at once."""
-    near = 0
-    for i in range(n):
-        dx, dy = x - beyond[0, i], y - beyond[1, i]
-        near += int(dx * dx + dy * dy < beyond[2, i])
-    return near == 0
+def obstacle_cost(
+    before: MotionState, at: MotionState, k: int, decay: float, problem: ControlProblem, costs: NDArray[np.float64]
+) -> float:
+    """Return the cost of obstacles in step k, from `before` to `at`: contacts, close passes, stops that they could enter, s.
 
-
-@inner_kernel
-def obstacle_cost(before: MotionState, at: MotionState, k: int, decay: float, problem: ControlProblem) -> float:
-    """Return the cost of obstacles in step k, from `before` to `at`: contacts, close passes, stops that they could enter, s."""
+    `costs`, float64[M], is the sequence's row of `Lanes.harm`.
+    """
     limits, dt, field, outlook, w = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights
-    speed = abs(at.a) if limits.drive != HOLONOMIC else math.hypot(at.a, at.b)
+    speed = abs(at.a) if limits.drive != HOLONOMIC else math.sqrt(at.a * at.a + at.b * at.b)
     guarded, has_box = w.stop > 0.0 and speed > 1e-3, len(field.discs) > 0
-    if not guarded and not has_box and _none_near(at.x, at.y, outlook.near[k], outlook.beyond[k]):
-        return 0.0
     stop_x, stop_y, stop_after, cost = at.x, at.y, 0.0, 0.0
     if guarded:
         stop_x, stop_y = _standing_place(at, speed, limits)
@@ -97,11 +86,11 @@ def obstacle_cost(before: MotionState, at: MotionState, k: int, decay: float, pr
             if distance < disc[CONTACT]:
                 harm += w.contact + w.contact * (disc[CONTACT] - distance)
             harm, owner = decay * harm, int(disc[OWNER])
-            if len(outlook.harm) == 0:
+            if len(costs) == 0:
                 cost += harm
-            elif harm > outlook.harm[owner]:
-                cost += harm - outlook.harm[owner]
-                outlook.harm[owner] = harm
+            elif harm > costs[owner]:
+                cost += harm - costs[owner]
+                costs[owner] = harm
         if guarded:
             depth = _depth_in_stop(disc, stop_x, stop_y, stop_after, w.swerve)
             if depth > 0.0:
@@ -136,7 +125,7 @@ def _depth_in_stop(disc: NDArray[np.float64], x: float, y: float, after: float, 
         drift = min(after, disc[STRAIGHT])
         dx, dy = dx - disc[VX] * drift, dy - disc[VY] * drift
         most = disc[CONTACT] + 0.5 * swerve * drift * drift + disc[SPEED] * (after - drift)
-        depth = min(depth, most - math.hypot(dx, dy))
+        depth = min(depth, most - math.sqrt(dx * dx + dy * dy))
     return depth
 
 
@@ -174,7 +163,7 @@ def lost_time(at: MotionState, to_go: float, field: StaticField, limits: RobotLi
 
 
 @inner_kernel
-def _stop_behind_wall(at: MotionState, limits: RobotLimits, field: StaticField) -> float:
+def stop_behind_wall(at: MotionState, limits: RobotLimits, field: StaticField) -> float:
     """Return the part, 0 to 1, of the robot's stop in a straight line that lies behind a wall."""
     vx, vy = (at.a, at.b) if limits.drive == HOLONOMIC else (at.a * at.cos, at.a * at.sin)
     speed = max(math.hypot(vx, vy), 1e-9)
@@ -189,7 +178,7 @@ def _stop_behind_wall(at: MotionState, limits: RobotLimits, field: StaticField) 
 
 
 @inner_kernel
-def _exceeds(limit: float, cost: float, left: int, to_go: float, plan_to_go: float, dt: float, progress: float) -> bool:
+def is_too_dear(limit: float, cost: float, left: int, to_go: float, plan_to_go: float, dt: float, progress: float) -> bool:
     """Tell whether a rollout with `left` steps to come is sure to cost more than `limit`.
 
     In a step its time to go decreases by at most `dt`, and costs at least what is left of it. If the rollout cannot reach the
@@ -200,82 +189,3 @@ def _exceeds(limit: float, cost: float, left: int, to_go: float, plan_to_go: flo
     if cost + to_go - span + progress * ahead * (to_go - 0.5 * ahead * dt) > limit:
         return True
     return to_go > span and cost + plan_to_go - span + progress * left * (plan_to_go - 0.5 * (left + 1) * dt) > limit
-
-
-@bare_kernel
-def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, path: NDArray[np.float64]) -> float:
-    """Return the cost of a sequence of controls, s, or infinity as soon as it is sure to be above `limit`.
-
-    Parameters
-    ----------
-    controls : float64[S, 2]
-        Speed and turn rate, or the velocity's x and y, commanded in each period.
-    problem : ControlProblem
-    limit : float
-        s; may be infinite.
-    path : float64[P, 2]
-        Filled with x, y after each step, as far as it has rows.
-
-    Notes
-    -----
-    At the end of each step, the time to go is the static one or, if that is more, the time that the plan still takes from its
-    place at that time, plus the path to that place: behind a moving obstacle the static time is too short. The time that a car
-    loses to turns is added. At the end of the sequence the time to go itself is added or, if that is more, the static one with
-    what the robot will still lose to ramps and turns: a robot that waits loses nothing to them, and need not take a run-up or,
-    where it has found no way (`ramps`), turn.
-    What obstacles will cost afterwards is added (kernels/controls/afterwards.py). A robot that reaches the goal brakes as soon
-    as a command given there acts; what it meets until it stands counts as before.
-    """
-    limits, dt, field, outlook, w = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights
-    at = shown = motion_state(problem.start)  # `shown` stays at the goal
-    steps, rows, brakes, arrived = len(controls), len(path), len(controls), False
-    cost, decay = 0.0, 1.0
-    outlook.harm[:] = 0.0
-    decay_of_step = math.exp(-w.decay * dt)
-    for k in range(steps):
-        one, two = (controls[k, 0], controls[k, 1]) if k < brakes else (0.0, 0.0)
-        before, at = at, step(at, one, two, limits, dt)
-        left, stands = steps - 1 - k, at.a == 0.0 and at.b == 0.0
-        shown = shown if arrived else at
-        if k < rows:
-            path[k, 0], path[k, 1] = shown.x, shown.y
-        # What walls and obstacles cost in this step.
-        wall = clearance(field, at, w.wall_margin + w.wall_range)
-        if wall < w.wall_margin:
-            cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
-        elif wall < w.wall_margin + w.wall_range:
-            cost += w.wall_risk * dt * decay * (w.wall_margin + w.wall_range - wall) / w.wall_range
-        if outlook.near[k] > 0:
-            cost += obstacle_cost(before, at, k, decay, problem)
-        decay *= decay_of_step
-        if k == 0 and stands:
-            cost -= w.stand
-        # From the goal on the robot brakes.
-        if not arrived and at_goal(field, at):
-            arrived, cost, brakes = True, cost - left * dt, k + 1 + max(round(w.stopping_time / dt) - 1, 0)
-        if arrived:
-            if stands:
-                for j in range(k + 1, rows):
-                    path[j, 0], path[j, 1] = shown.x, shown.y
-                return cost
-            if cost > limit:
-                return math.inf
-            continue
-        # What the time to go costs, by the plan or, if that is more, by the map alone.
-        to_go, plan_to_go = time_to_go(field, at), outlook.plan[k, 2]
-        px, py = at.x - outlook.plan[k, 0], at.y - outlook.plan[k, 1]
-        turning = turning_loss(field, at)
-        value: float = max(to_go, plan_to_go + w.off_plan * math.sqrt(px * px + py * py)) + turning
-        cost += w.progress * value
-        if left == 0:
-            cost += cost_afterwards(at, problem, decay)
-            return cost + max(value, to_go + turning + w.ramps * lost_time(at, to_go, field, limits))
-        if _exceeds(limit, cost, left, to_go, plan_to_go, dt, w.progress):
-            return math.inf
-    return cost + w.wall * decay * _stop_behind_wall(at, limits, field)
-
-
-@inner_kernel
-def cost_below(limit: float, controls: NDArray[np.float64], problem: ControlProblem) -> float:
-    """Return what `judge` returns, without the path."""
-    return judge(controls, problem, limit, controls[:0])

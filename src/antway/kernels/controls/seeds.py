@@ -11,13 +11,14 @@ from antway.kernels.base.geometry import wrap_below_pi
 from antway.kernels.base.jit import inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.controls.lookup import slope
-from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, ControlProblem
+from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, ControlProblem, StaticField
 
 SEEDS = 42  # number of seeds that `write_seed` knows
 _ON_THE_SPOT = 1.2  # rad; a robot on wheels that has to turn by this or more turns on the spot
 _SAFE = 1.6  # 1; the fastest motion that stops at its target has 2 here, and would overshoot in periods of a finite length
 _NO_TURN = 0.05  # m; a robot on wheels does not turn to a target nearer than this
 _E = 0.1  # m; length of a step down the field, and half the distance over which its slope is taken
+_AHEAD = 5  # such steps; a robot that follows the way down the field steers to the point this far along it
 
 
 @inner_kernel
@@ -79,22 +80,47 @@ def turn_and_go(ant: NDArray[np.float64], problem: ControlProblem, bearing: floa
 
 
 @inner_kernel
+def descent_points(length: float) -> int:
+    """Return the number of points of a way of `length` m down the field, in addition to the 0.5 m that are steered ahead."""
+    return math.ceil(length / _E) + _AHEAD + 1
+
+
+@inner_kernel
+def descend(path: NDArray[np.float64], field: StaticField, x: float, y: float, length: float) -> int:
+    """Write the way from (x, y) down the time to the goal, up to `length` m and 0.5 m more; return its number of points."""
+    n, most = 1, descent_points(length)
+    path[0, 0], path[0, 1] = x, y
+    while n < most:
+        gx, gy, steep = slope(field, x, y, _E)
+        if steep < 1e-9:
+            break
+        x, y = x - _E * gx / steep, y - _E * gy / steep
+        path[n, 0], path[n, 1] = x, y
+        n += 1
+    return n
+
+
+@inner_kernel
 def downhill(
-    ant: NDArray[np.float64], problem: ControlProblem, distance: float, speed: float, aside: float, until: int
+    ant: NDArray[np.float64], problem: ControlProblem, path: NDArray[np.float64], n: int, speed: float, aside: float, until: int
 ) -> None:
-    """Write the sequence that descends the time to the goal, steering to the point `distance` m down the field.
+    """Write the sequence that follows the first n points of a path of `descend` (pure pursuit), 0.5 m ahead.
 
     In the first `until` steps it steers to a point `aside` m to the left of that; a negative value is to the right.
     """
-    state = problem.start
+    state, nearest, square = problem.start, 0, 0.0
     for k in range(len(ant)):
-        px, py, gone = state.x, state.y, 0.0
-        while gone < distance:
-            gx, gy, steep = slope(problem.field, px, py, _E)
-            if steep < 1e-9:
+        dx, dy = path[nearest, 0] - state.x, path[nearest, 1] - state.y
+        square = dx * dx + dy * dy
+        while nearest + 1 < n:
+            dx, dy = path[nearest + 1, 0] - state.x, path[nearest + 1, 1] - state.y
+            if dx * dx + dy * dy > square:
                 break
-            px, py, gone = px - _E * gx / steep, py - _E * gy / steep, gone + _E
-        if k < until and gone > 0.0:
+            nearest, square = nearest + 1, dx * dx + dy * dy
+        ahead = min(nearest + _AHEAD, n - 1)
+        px, py = path[ahead, 0], path[ahead, 1]
+        if k < until and ahead > nearest:
+            gone = (ahead - nearest) * _E
             dx, dy = (px - state.x) / gone, (py - state.y) / gone
             px, py = px - aside * dy, py + aside * dx
         state = _steer(state, px, py, speed, problem)
@@ -115,8 +141,10 @@ def along_plan(ant: NDArray[np.float64], problem: ControlProblem, lead: int, lat
 
 
 @inner_kernel
-def write_seed(ant: NDArray[np.float64], problem: ControlProblem, i: int) -> bool:
+def write_seed(ant: NDArray[np.float64], problem: ControlProblem, path: NDArray[np.float64], n: int, i: int) -> bool:
     """Write seed i, 0 to SEEDS - 1, to `ant`, float64[S, 2]; return False if this problem has no such seed.
+
+    `path` and n are the way from the start down the field, and its number of points.
 
     ======== =========================================================================================================
     0 to 23  turn to one of 12 bearings and go, at full or half speed
@@ -137,11 +165,11 @@ def write_seed(ant: NDArray[np.float64], problem: ControlProblem, i: int) -> boo
     elif i == 27:
         ant[:] = 0.0
     elif i < 30:
-        downhill(ant, problem, 0.5, limits.v_max if i == 28 else 0.6 * limits.v_max, 0.0, 0)
+        downhill(ant, problem, path, n, limits.v_max if i == 28 else 0.6 * limits.v_max, 0.0, 0)
     elif i < 36:
         aside = 0.25 if i < 34 else 0.7
         until = steps // 2 if 32 <= i < 34 else steps // 4
-        downhill(ant, problem, 0.5, limits.v_max, aside if i % 2 == 0 else -aside, until)
+        downhill(ant, problem, path, n, limits.v_max, aside if i % 2 == 0 else -aside, until)
     else:
         if problem.outlook.plan[0, 2] == -math.inf:
             return False

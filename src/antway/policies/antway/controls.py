@@ -12,18 +12,19 @@ from antway import checks
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import make_state
+from antway.kernels.controls.abreast import path_of
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
 from antway.kernels.controls.lattice import DOWNHILL, Lattice
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead, spread_plan
 from antway.kernels.controls.problem import GOAL_SPEED, ControlProblem, CostWeights
-from antway.kernels.controls.rollout import judge
+from antway.kernels.controls.seeds import SEEDS
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.policies.guard import relative_swerve
 from antway.world.policy import Command, Observation, Task, commanded
 from antway.world.robots import RobotSpec
-from antway.world.rollouts import empty_outlook, finite_limits, static_field, static_time, with_times
+from antway.world.rollouts import empty_outlook, finite_limits, make_lanes, static_field, static_time, with_times
 
 _AGILE = 0.8  # m/s; the numbers of `ControlOptions` are for robots with this top speed or more
 _SLOWEST = 4.0  # 1; robots slower than `_AGILE` by more than this drive as if it were this, or they flee from all that moves
@@ -191,11 +192,12 @@ class ControlColony:
             static_field(task, time_to_goal.reshape(task.grid.shape)),
             empty_outlook(steps),
             _weights(o, robot, self.slowness, swerve),
+            make_lanes(robot.v_max * steps * robot.dt),
         )
         if task.stay > 0.0:
             self._stand_at_goal()
         self.margins, self.bounds = self._by_response()
-        self.archive = _archive(o.archive, steps, block)
+        self.archive = _archive(o, steps, block)
         self.lattice = _lattice(robot, block)
         limits = np.array([robot.v_max, robot.turn_rate if robot.wheels else robot.v_max])
         self.settings = ColonySettings(
@@ -353,7 +355,7 @@ class ControlColony:
     def same_path(self) -> bool:
         """Tell whether the best sequence leads along `path`; if not, `path` becomes where it leads."""
         best = self.archive.sequence[self.archive.order[0]]
-        call(judge, best, self.problem, math.inf, self.xy)
+        call(path_of, best, self.problem, self.xy)
         t = self.began + self.robot.dt * np.arange(len(best) + 1.0)
         path = TimedPath(t, np.vstack((self.problem.start[:2], self.xy)))
         if self.path is not None and _alike(self.path, path):
@@ -384,15 +386,17 @@ def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float
     )
 
 
-def _archive(size: int, steps: int, block: int) -> Archive:
+def _archive(o: ControlOptions, steps: int, block: int) -> Archive:
     """Return an empty archive for sequences of `steps` steps, of which `block` at a time share a draw."""
+    most = max(o.archive, o.ants + 1, SEEDS + 1)
     return Archive(
-        np.zeros((size, steps, 2)),
-        np.full(size, math.inf),
-        np.zeros(size, np.int64),
-        np.zeros((size, math.ceil(steps / block), 2)),
+        np.zeros((o.archive, steps, 2)),
+        np.full(o.archive, math.inf),
+        np.zeros(o.archive, np.int64),
+        np.zeros((o.archive, math.ceil(steps / block), 2)),
         np.zeros(1, np.int64),
-        np.zeros((steps, 2)),
+        np.zeros((most, steps, 2)),
+        np.zeros(most),
         block,
     )
 
@@ -402,8 +406,6 @@ def _averaging(o: ControlOptions, steps: int, block: int) -> Averaging:
     return Averaging(
         o.elite if o.search == "cem" else 0,
         o.temperature,
-        np.zeros((o.ants, steps, 2)),
-        np.zeros(o.ants),
         np.zeros((steps, 2)),
         np.zeros((math.ceil(steps / block), 2)),
     )

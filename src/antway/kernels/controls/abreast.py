@@ -1,0 +1,314 @@
+"""Rollouts abreast: in each step all sequences of controls are driven and judged, in loops that become SIMD instructions.
+
+One rollout after another would wait for each of its own results. Here a lane is a rollout that still goes on, and what is known
+of it stands in one column of `Lanes.value`. A loop over lanes reads and writes rows that are a constant apart, so that LLVM can
+tell that they do not overlap. Lanes that end are closed up.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.jit import bare_kernel, inner_kernel
+from antway.kernels.base.records import RobotLimits
+from antway.kernels.controls.afterwards import cost_afterwards
+from antway.kernels.controls.lookup import at_goal, clearance, turning_loss
+from antway.kernels.controls.motion import MotionState, motion_state, step
+from antway.kernels.controls.problem import (
+    GOAL_SPEED,
+    GOAL_X,
+    GOAL_Y,
+    TOLERANCE,
+    VX,
+    VY,
+    ControlProblem,
+    Lanes,
+    StaticField,
+)
+from antway.kernels.controls.rollout import is_too_dear, lost_time, obstacle_cost, stop_behind_wall
+
+LANES = 64  # most rollouts that are stepped abreast
+ROWS = 30
+_ROWS = tuple(LANES * row for row in range(ROWS))
+# Rows of `Lanes.value`: the motion state at the end of a step, what the rollout has cost, and the step from which the robot brakes
+# because it has reached the goal, which are kept when lanes close up;
+X, Y, COS, SIN, A, B, COST, BRAKES = _ROWS[:8]
+# the command; where the robot was before the step and its heading; the distance to walls; what obstacles cost in the step;
+ONE, TWO, X0, Y0, COS0, SIN0, WALL, HARM = _ROWS[8:16]
+# the static time to go and the time lost to the turning radius; the time to go by the plan as well; the cost with it; and whether
+# the rollout ends or is at the goal.
+TO_GO, TURNING, VALUE, WITH_VALUE, EVENT = _ROWS[16:21]
+# A bilinear interpolation: indices, fractions, the values of one corner on either side, and the differences to the next; the result.
+_LINE, _COL, _UP, _ALONG, _LOW, _LOW_CHANGE, _HIGH, _HIGH_CHANGE, SAMPLE = _ROWS[21:30]
+_NEXT = np.uint64(1)
+_TOO_DEAR, _AT_GOAL, _BRAKES = 1, 2, 4  # values of EVENT, which are added up
+
+
+@inner_kernel
+def lane_state(value: NDArray[np.float64], i: int) -> MotionState:
+    """Return the motion state of lane i."""
+    return MotionState(value[X + i], value[Y + i], value[COS + i], value[SIN + i], value[A + i], value[B + i])
+
+
+@inner_kernel
+def set_lane(value: NDArray[np.float64], i: int, at: MotionState) -> None:
+    """Write the motion state of lane i."""
+    value[X + i], value[Y + i], value[COS + i], value[SIN + i], value[A + i], value[B + i] = at
+
+
+@inner_kernel
+def drive(value: NDArray[np.float64], n: int, limits: RobotLimits, dt: float) -> None:
+    """Drive the first n lanes for a period by their commands."""
+    for i in range(n):
+        at = lane_state(value, i)
+        value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i] = at.x, at.y, at.cos, at.sin
+        set_lane(value, i, step(at, value[ONE + i], value[TWO + i], limits, dt))
+
+
+@inner_kernel
+def _sample(value: NDArray[np.float64], n: int, field: NDArray[np.float32], frame: NDArray[np.float64]) -> None:
+    """Write to SAMPLE what `sample` returns for each of the first n lanes."""
+    x, y, nodes = frame[0], frame[1], frame[2]
+    right, top = field.shape[1] - 1.001, field.shape[0] - 1.001
+    for i in range(n):
+        c, r = min(max((value[X + i] - x) * nodes, 0.0), right), min(max((value[Y + i] - y) * nodes, 0.0), top)
+        line, col = np.floor(r), np.floor(c)
+        value[_LINE + i], value[_COL + i], value[_UP + i], value[_ALONG + i] = line, col, r - line, c - col
+    for i in range(n):  # unsigned indices need no test for negative ones
+        line, col = np.uint64(np.int64(value[_LINE + i])), np.uint64(np.int64(value[_COL + i]))
+        low, high = field[line, col], field[line + _NEXT, col]
+        value[_LOW + i], value[_LOW_CHANGE + i] = low, field[line, col + _NEXT] - low
+        value[_HIGH + i], value[_HIGH_CHANGE + i] = high, field[line + _NEXT, col + _NEXT] - high
+    for i in range(n):
+        low = value[_LOW + i] + value[_ALONG + i] * value[_LOW_CHANGE + i]
+        high = value[_HIGH + i] + value[_ALONG + i] * value[_HIGH_CHANGE + i]
+        value[SAMPLE + i] = low + value[_UP + i] * (high - low)
+
+
+@inner_kernel
+def wall_distances(value: NDArray[np.float64], n: int, field: StaticField, enough: float) -> None:
+    """Write to WALL what `clearance` returns for each of the first n lanes."""
+    _sample(value, n, field.wall, field.wall_frame)
+    for i in range(n):
+        value[WALL + i] = value[SAMPLE + i]
+    if len(field.discs) > 0:
+        for i in range(n):
+            if value[WALL + i] < enough:
+                value[WALL + i] = clearance(field, lane_state(value, i), enough)
+
+
+@inner_kernel
+def times_to_go(value: NDArray[np.float64], n: int, field: StaticField) -> None:
+    """Write to TO_GO and TURNING what `time_to_go` and `turning_loss` return for each of the first n lanes."""
+    _sample(value, n, field.time, field.time_frame)
+    for i in range(n):
+        value[TO_GO + i], value[TURNING + i] = max(value[SAMPLE + i], 0.0), 0.0
+    if len(field.turning) > 1:
+        for i in range(n):
+            value[TURNING + i] = turning_loss(field, lane_state(value, i))
+
+
+@inner_kernel
+def _count_near(value: NDArray[np.float64], n: int, k: int, problem: ControlProblem) -> None:
+    """Write to HARM how many obstacles can cost each of the first n lanes anything in step k, but for its stop."""
+    outlook, dt, has_box = problem.outlook, problem.dt, len(problem.field.discs) > 0
+    for i in range(n):
+        value[HARM + i] = 0.0
+    for j in range(outlook.near[k]):
+        x, y, beyond = outlook.beyond[k, 0, j], outlook.beyond[k, 1, j], outlook.beyond[k, 2, j]
+        x0, y0 = x - outlook.disc[k, j, VX] * dt, y - outlook.disc[k, j, VY] * dt
+        for i in range(n):
+            dx, dy = value[X + i] - x, value[Y + i] - y
+            square = dx * dx + dy * dy
+            if has_box:  # a corner of it may have been nearer in the step than its centre is at the end
+                dx, dy = value[X0 + i] - x0, value[Y0 + i] - y0
+                square = min(square, dx * dx + dy * dy)
+            value[HARM + i] += 1.0 if square < beyond else 0.0
+
+
+@inner_kernel
+def obstacle_costs(lanes: Lanes, n: int, k: int, decay: float, problem: ControlProblem) -> None:
+    """Write to HARM what `obstacle_cost` returns for each of the first n lanes in step k."""
+    value, guarded = lanes.value, problem.weights.stop > 0.0
+    _count_near(value, n, k, problem)
+    for i in range(n):
+        if value[HARM + i] > 0.0 or guarded:
+            before = MotionState(value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], 0.0, 0.0)
+            harm = lanes.harm[lanes.sequence[i]]
+            value[HARM + i] = obstacle_cost(before, lane_state(value, i), k, decay, problem, harm)
+
+
+@inner_kernel
+def _wall_costs(value: NDArray[np.float64], n: int, decay: float, problem: ControlProblem) -> None:
+    """Add to COST what walls cost in a step."""
+    w = problem.weights
+    margin, width, firm, soft = w.wall_margin, w.wall_range, w.wall * decay, w.wall_risk * problem.dt * decay
+    for i in range(n):
+        wall, cost = value[WALL + i], value[COST + i]
+        if wall < margin:
+            cost += firm * (1.0 + 10.0 * (margin - wall))
+        elif wall < margin + width:
+            cost += soft * (margin + width - wall) / width
+        value[COST + i] = cost
+
+
+@inner_kernel
+def _time_costs(value: NDArray[np.float64], n: int, k: int, left: int, limit: float, problem: ControlProblem) -> int:
+    """Write to VALUE, WITH_VALUE and EVENT what the time to go costs in step k, and whether it ends a rollout; return how often."""
+    outlook, goal, dt, off_plan, progress = problem.outlook, problem.field.goal, problem.dt, problem.weights.off_plan, problem.weights.progress
+    plan_x, plan_y, plan_to_go = outlook.plan[k, 0], outlook.plan[k, 1], outlook.plan[k, 2]
+    goal_x, goal_y, near, slow = goal[GOAL_X], goal[GOAL_Y], goal[TOLERANCE] * goal[TOLERANCE], goal[GOAL_SPEED] * goal[GOAL_SPEED]
+    events = 0
+    for i in range(n):
+        x, y, a, b, to_go = value[X + i], value[Y + i], value[A + i], value[B + i], value[TO_GO + i]
+        px, py, gx, gy = x - plan_x, y - plan_y, x - goal_x, y - goal_y
+        worth = max(to_go, plan_to_go + off_plan * math.sqrt(px * px + py * py)) + value[TURNING + i]
+        cost = value[COST + i] + progress * worth
+        event = _TOO_DEAR * int(is_too_dear(limit, cost, left, to_go, plan_to_go, dt, progress))
+        event += _BRAKES * int(value[BRAKES + i] < math.inf)
+        event += _AT_GOAL * int(gx * gx + gy * gy < near) * int(a * a + b * b <= slow)
+        value[VALUE + i], value[WITH_VALUE + i], value[EVENT + i] = worth, cost, float(event)
+        events += event
+    return events
+
+
+@inner_kernel
+def close_up(lanes: Lanes, i: int, to: int) -> None:
+    """Move what is kept of lane i to lane `to`."""
+    value = lanes.value
+    set_lane(value, to, lane_state(value, i))
+    value[COST + to], value[BRAKES + to] = value[COST + i], value[BRAKES + i]
+    lanes.sequence[to] = lanes.sequence[i]
+
+
+@inner_kernel
+def _start(n: int, lanes: Lanes, problem: ControlProblem) -> None:
+    """Put n lanes at the start of the problem."""
+    at = motion_state(problem.start)
+    for i in range(n):
+        set_lane(lanes.value, i, at)
+        lanes.value[COST + i], lanes.value[BRAKES + i], lanes.sequence[i] = 0.0, math.inf, i
+    if problem.outlook.near.any():
+        lanes.harm[:n] = 0.0
+
+
+@inner_kernel
+def _commands(sequences: NDArray[np.float64], k: int, lanes: Lanes, n: int) -> None:
+    """Write the commands of step k; a robot that has reached the goal brakes."""
+    value = lanes.value
+    for i in range(n):
+        drives = k < value[BRAKES + i]
+        value[ONE + i] = sequences[lanes.sequence[i], k, 0] if drives else 0.0
+        value[TWO + i] = sequences[lanes.sequence[i], k, 1] if drives else 0.0
+
+
+@inner_kernel
+def _end(cost: NDArray[np.float64], n: int, k: int, left: int, decay: float, limit: float, problem: ControlProblem) -> int:
+    """Write the costs of the rollouts that end with step k, and return how many lanes go on."""
+    limits, dt, field, w, lanes = problem.limits, problem.dt, problem.field, problem.weights, problem.lanes
+    value, to = lanes.value, 0
+    for i in range(n):
+        at, mine, event = lane_state(value, i), lanes.sequence[i], value[EVENT + i]
+        if _AT_GOAL <= event < _BRAKES:
+            value[COST + i] -= left * dt
+            value[BRAKES + i] = k + 1.0 + max(round(w.stopping_time / dt) - 1, 0)
+        if event >= _AT_GOAL:
+            if at.a == 0.0 and at.b == 0.0:
+                cost[mine] = value[COST + i]
+                continue
+            if value[COST + i] > limit:
+                cost[mine] = math.inf
+                continue
+            if left == 0:
+                cost[mine] = value[COST + i] + w.wall * decay * stop_behind_wall(at, limits, field)
+        else:
+            value[COST + i] = value[WITH_VALUE + i]
+            if left == 0:
+                to_go = value[TO_GO + i]
+                lost = value[TURNING + i] + w.ramps * lost_time(at, to_go, field, limits)
+                total = value[COST + i] + max(value[VALUE + i], to_go + lost)
+                cost[mine] = math.inf
+                if total <= limit:
+                    cost[mine] = total + cost_afterwards(at, problem, decay, lanes.harm[mine], limit - total)
+            elif event == _TOO_DEAR:
+                cost[mine] = math.inf
+                continue
+        close_up(lanes, i, to)
+        to += 1
+    return to
+
+
+@bare_kernel
+def _judge_abreast(sequences: NDArray[np.float64], problem: ControlProblem, limit: float, cost: NDArray[np.float64]) -> None:
+    """Do as `judge_all` does, for at most LANES sequences."""
+    limits, dt, field, outlook, w, lanes = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights, problem.lanes
+    value, n, steps = lanes.value, len(sequences), sequences.shape[1]
+    _start(n, lanes, problem)
+    decay, decay_of_step = 1.0, math.exp(-w.decay * dt)
+    for k in range(steps):
+        left = steps - 1 - k
+        _commands(sequences, k, lanes, n)
+        drive(value, n, limits, dt)
+        # What walls and obstacles cost in this step.
+        wall_distances(value, n, field, w.wall_margin + w.wall_range)
+        _wall_costs(value, n, decay, problem)
+        if outlook.near[k] > 0:
+            obstacle_costs(lanes, n, k, decay, problem)
+            for i in range(n):
+                value[COST + i] += value[HARM + i]
+        decay *= decay_of_step
+        if k == 0:
+            for i in range(n):
+                value[COST + i] -= w.stand if value[A + i] == 0.0 and value[B + i] == 0.0 else 0.0
+        # What the time to go costs, by the plan or, if that is more, by the map alone.
+        times_to_go(value, n, field)
+        events = _time_costs(value, n, k, left, limit, problem)
+        if events == 0 and left > 0:
+            for i in range(n):
+                value[COST + i] = value[WITH_VALUE + i]
+        else:
+            n = _end(cost, n, k, left, decay, limit, problem)
+            if n == 0:
+                return
+
+
+@bare_kernel
+def judge_all(sequences: NDArray[np.float64], problem: ControlProblem, limit: float, cost: NDArray[np.float64]) -> None:
+    """Compute the cost of each sequence of controls, s; it is infinite if it is sure to be above `limit`.
+
+    Parameters
+    ----------
+    sequences : float64[N, S, 2]
+        Speed and turn rate, or the velocity's x and y, commanded in each period.
+    problem : ControlProblem
+    limit : float
+        s; may be infinite.
+    cost : float64[N]
+        s; filled.
+
+    Notes
+    -----
+    At the end of each step, the time to go is the static one or, if that is more, the time that the plan still takes from its
+    place at that time, plus the path to that place: behind a moving obstacle the static time is too short. The time that a car
+    loses to turns is added. At the end of the sequence the time to go itself is added or, if that is more, the static one with
+    what the robot will still lose to ramps and turns: a robot that waits loses nothing to them, and need not take a run-up or,
+    where it has found no way (`ramps`), turn.
+    What obstacles will cost afterwards is added (kernels/controls/afterwards.py). A robot that reaches the goal brakes as soon
+    as a command given there acts; what it meets until it stands counts as before.
+    """
+    for first in range(0, len(sequences), LANES):
+        _judge_abreast(sequences[first : first + LANES], problem, limit, cost[first : first + LANES])
+
+
+@bare_kernel
+def path_of(controls: NDArray[np.float64], problem: ControlProblem, path: NDArray[np.float64]) -> None:
+    """Write to `path`, float64[S, 2], the x and y after each step of a sequence, float64[S, 2]; the path ends at the goal."""
+    at, arrived = motion_state(problem.start), False
+    for k in range(len(controls)):
+        if not arrived:
+            at = step(at, controls[k, 0], controls[k, 1], problem.limits, problem.dt)
+            arrived = at_goal(problem.field, at)
+        path[k, 0], path[k, 1] = at.x, at.y
