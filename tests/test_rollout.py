@@ -11,12 +11,13 @@ import pytest
 from antway import BadParameter, Grid, Moves, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, run
 from antway.arena.suites import Episode, build
 from antway.kernels.base.records import RobotState
-from antway.kernels.controls.abreast import LANES, X, Y, judge_all, path_of
+from antway.kernels.controls.abreast import X, Y
 from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
 from antway.kernels.controls.motion import motion_state
 from antway.kernels.controls.others import average, restart
+from antway.kernels.controls.path import path_of, same_path
 from antway.kernels.controls.outlook import spread_plan, write_beyond
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
@@ -94,15 +95,15 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
         colony.problem.outlook.disc[steps] = colony.problem.outlook.disc[steps - 1]  # those that count afterwards
         write_beyond(robot.v_max, colony.problem.outlook)
         colony.problem.outlook.plan[:] = [3.0, 4.0, 2.0 if trial % 3 else -math.inf]
-        path = np.zeros((steps, 2))
+        path = np.zeros((steps + 1, 3))
         cost = judge(controls, colony.problem)
-        path_of(controls, colony.problem, path)
+        path_of(controls, colony.problem, 2.0, path)
         assert cost == pytest.approx(naive.cost_of(controls, colony.problem, robot.footprint or ()), rel=0.02, abs=0.05)
         assert judge(controls, colony.problem, 0.5 * cost) == math.inf  # sooner or later it is sure to be above the limit
         now = colony.problem.start
         for k in range(steps):
             now = drive_cycle(now, *controls[k].tolist(), colony.problem.limits, robot.dt)
-        assert path[-1] == pytest.approx(now[:2], abs=2e-3)
+        assert path[-1] == pytest.approx((2.0 + steps * robot.dt, *now[:2]), abs=2e-3)
 
 
 def test_a_corner_of_a_footprint_that_an_obstacle_scrapes_within_a_step_is_a_contact() -> None:
@@ -131,10 +132,10 @@ def test_a_rollout_is_given_up_as_soon_as_the_plan_shows_that_it_must_be_too_dea
             controls = np.repeat(rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)), 5, axis=0)[:steps]
             cost = judge(controls, colony.problem)
             assert judge(controls, colony.problem, cost + 1e-6) == cost
-        path, last = np.zeros((steps, 2)), colony.problem.lanes.value[[X, Y]]
+        path, last = np.zeros((steps + 1, 3)), colony.problem.lanes.value[[X, Y]]
         assert judge(controls, colony.problem, arrival - 0.3 - WHEELS.dt * steps) == math.inf
-        path_of(controls, colony.problem, path)
-        assert (colony.problem.lanes.value[[X, Y]] == path[0]).all() and (path[0] != last).all()
+        path_of(controls, colony.problem, 0.0, path)  # it got no farther than the first step
+        assert (colony.problem.lanes.value[[X, Y]] == path[1, 1:]).all() and (path[1, 1:] != last).all()
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
@@ -179,10 +180,10 @@ def test_a_rollout_that_could_not_stop_behind_the_goal_costs_more(robot: RobotSp
     edge = (field.wall.shape[1] - 1) / field.wall_frame[2] - robot.radius
     problem = colony.problem._replace(field=field._replace(goal=np.array([edge - 0.15, 4.1, 0.2, math.inf])), weights=weights)
     for speed in (0.6, 0.7, 1.0):
-        controls, path = np.full((len(colony.problem.outlook.plan), 2), (speed, 0.0)), np.zeros((60, 2))
+        controls, path = np.full((len(colony.problem.outlook.plan), 2), (speed, 0.0)), np.zeros((31, 3))
         cost = judge(controls, problem)
-        path_of(controls, problem, path)
-        arrived = int((path[:, 0] > edge - 0.35).argmax())
+        path_of(controls, problem, 0.0, path)
+        arrived = int((path[1:, 1] > edge - 0.35).argmax())
         assert arrived > 0
         in_time = -(len(controls) - 1 - arrived) * robot.dt
         assert cost == pytest.approx(naive.cost_of(controls, problem), rel=0.02, abs=0.05)
@@ -285,6 +286,27 @@ def test_a_robot_starts_and_ends_where_the_centre_of_its_cell_has_no_room(robot:
     result = run(scenario, "antway", seed=1)
     check_episode(result)
     assert result.reached
+
+
+def test_a_path_is_shown_until_another_one_leads_elsewhere() -> None:
+    """Paths are compared where both last, as interpolation by the library finds them, and only if that is a second or more."""
+    colony, rng = _colony(WHEELS), np.random.default_rng(4)
+    steps, shown = len(colony.problem.outlook.plan), None
+    arrays, answers = np.full((2, steps + 1, 3), math.inf), []
+    for began in np.cumsum(rng.choice([0.0, 0.1, 0.35, 2.5], 60)).tolist():
+        controls = np.full((steps, 2), (0.5, 0.0)) + rng.uniform(-0.15, 0.15, 2)
+        path = np.zeros((steps + 1, 3))
+        path_of(controls, colony.problem, began, path)
+        alike = False
+        if shown is not None and shown[-1, 0] >= began + 1.0:
+            t = np.linspace(began, shown[-1, 0], 8)
+            apart = [np.interp(t, *shown[:, [0, i]].T) - np.interp(t, *path[:, [0, i]].T) for i in (1, 2)]
+            alike = bool((np.hypot(*apart) < 0.3).all())
+        shown = shown if alike else path
+        assert same_path(controls, colony.problem, began, *arrays) == alike
+        assert (arrays[0] == shown).all()
+        answers.append(alike)
+    assert 5 < sum(answers) < 55
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.afterwards import cost_afterwards
-from antway.kernels.controls.lookup import at_goal, clearance, turning_loss
+from antway.kernels.controls.lookup import clearance, turning_loss
 from antway.kernels.controls.motion import MotionState, motion_state, step
 from antway.kernels.controls.problem import (
     GOAL_SPEED,
@@ -301,14 +301,3 @@ def judge_all(sequences: NDArray[np.float64], problem: ControlProblem, limit: fl
     """
     for first in range(0, len(sequences), LANES):
         _judge_abreast(sequences[first : first + LANES], problem, limit, cost[first : first + LANES])
-
-
-@bare_kernel
-def path_of(controls: NDArray[np.float64], problem: ControlProblem, path: NDArray[np.float64]) -> None:
-    """Write to `path`, float64[S, 2], the x and y after each step of a sequence, float64[S, 2]; the path ends at the goal."""
-    at, arrived = motion_state(problem.start), False
-    for k in range(len(controls)):
-        if not arrived:
-            at = step(at, controls[k, 0], controls[k, 1], problem.limits, problem.dt)
-            arrived = at_goal(problem.field, at)
-        path[k, 0], path[k, 1] = at.x, at.y

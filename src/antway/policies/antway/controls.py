@@ -12,11 +12,11 @@ from antway import checks
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import make_state
-from antway.kernels.controls.abreast import path_of
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
 from antway.kernels.controls.lattice import DOWNHILL, Lattice
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead, spread_plan
+from antway.kernels.controls.path import same_path
 from antway.kernels.controls.problem import GOAL_SPEED, ControlProblem, CostWeights
 from antway.kernels.controls.seeds import SEEDS
 from antway.kernels.tracking.predict import SIGMA, VX, VY
@@ -30,7 +30,6 @@ _AGILE = 0.8  # m/s; the numbers of `ControlOptions` are for robots with this to
 _SLOWEST = 4.0  # 1; robots slower than `_AGILE` by more than this drive as if it were this, or they flee from all that moves
 _LEAST_PATH = 1.5  # m; sequences last until a robot at full speed has driven this far, up to twice `horizon`
 _WALL_COST = 100.0  # s; cost of a step at which the robot is nearer to a wall than `wall_margin`
-_ALIKE = 0.3  # m; two paths that are nowhere farther apart count as the same
 _BEARINGS = 12  # number of directions in which arcs lead a robot without wheels
 _EXPANSIONS = 100  # most nodes that the search over arcs expands in a cycle
 _DODGE = 2.0  # 1; factor on the robot's acceleration away from obstacles that turn, because few of them turn straight at it
@@ -212,8 +211,7 @@ class ControlColony:
         self.unsure = o.unsure * relative_swerve(task)
         self.averaging = None if o.search == "ants" else _averaging(o, steps, block)
         self.random = make_state(seed, 1)
-        self.xy = np.zeros((steps, 2))
-        self.path: TimedPath | None = None
+        self._shown, self._best = np.full((2, steps + 1, 3), math.inf)  # t, x and y of paths
         self.began = 0.0  # s; when the last command begins to act
         self.nearest, self.since = math.inf, 0.0  # s; the least time to the goal so far, and when the robot reached it
 
@@ -355,13 +353,11 @@ class ControlColony:
     def same_path(self) -> bool:
         """Tell whether the best sequence leads along `path`; if not, `path` becomes where it leads."""
         best = self.archive.sequence[self.archive.order[0]]
-        call(path_of, best, self.problem, self.xy)
-        t = self.began + self.robot.dt * np.arange(len(best) + 1.0)
-        path = TimedPath(t, np.vstack((self.problem.start[:2], self.xy)))
-        if self.path is not None and _alike(self.path, path):
-            return True
-        self.path = path
-        return False
+        return call(same_path, best, self.problem, self.began, self._shown, self._best)
+
+    def path(self) -> TimedPath:
+        """Return the path that the best sequence led along when it last led elsewhere than before."""
+        return TimedPath(self._shown[:, 0].copy(), self._shown[:, 1:].copy())
 
 
 def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float | None) -> CostWeights:
@@ -434,13 +430,3 @@ def _lattice(robot: RobotSpec, block: int) -> Lattice:
         np.zeros(1, np.int64),
         _EXPANSIONS,
     )
-
-
-def _alike(one: TimedPath, other: TimedPath) -> bool:
-    """Tell whether two paths are near each other while both last, which must be for a second or more."""
-    start, end = max(one.t[0], other.t[0]), min(one.t[-1], other.t[-1])
-    if end < start + 1.0:
-        return False
-    t = np.linspace(start, end, 8)
-    dx, dy = (np.interp(t, one.t, one.xy[:, i]) - np.interp(t, other.t, other.xy[:, i]) for i in range(2))
-    return float(np.hypot(dx, dy).max()) < _ALIKE

@@ -378,7 +378,7 @@ class AntwayPolicy:
         """Return a copy of the plan in use, or the path of the best ant in the space of controls."""
         s = self._state
         if s.controls is not None:
-            return s.controls.path
+            return s.controls.path()
         n = int(s.plan.state[KNOT_COUNT])
         return TimedPath(s.plan.knots[:n, 0].copy(), s.plan.knots[:n, 1:].copy()) if n else None
 
