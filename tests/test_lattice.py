@@ -67,7 +67,7 @@ def test_what_is_found_costs_what_its_definition_says(robot: RobotSpec, seed: in
     problem = colony.problem
     w = problem.weights
     w = w._replace(risk=w.risk / block, turn_risk=w.turn_risk / block)
-    summed = problem._replace(lanes=problem.lanes._replace(harm=np.empty((64, 0))), weights=w)
+    summed = problem._replace(batch=problem.batch._replace(harm=np.empty((64, 0))), weights=w)
     assert 2 * block * robot.dt + cost_of(ant, summed) == pytest.approx(found, abs=0.05)
 
 

@@ -11,14 +11,14 @@ import pytest
 from antway import BadParameter, Grid, Moves, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, run
 from antway.arena.suites import Episode, build
 from antway.kernels.base.records import RobotState
-from antway.kernels.controls.abreast import X, Y
+from antway.kernels.controls.abreast import X, Y, judge_all
 from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
 from antway.kernels.controls.motion import motion_state
 from antway.kernels.controls.others import average, restart
-from antway.kernels.controls.path import path_of, same_path
 from antway.kernels.controls.outlook import spread_plan, write_beyond
+from antway.kernels.controls.path import path_of, same_path
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.nodes import away_from_walls, make_context
@@ -106,6 +106,30 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
         assert path[-1] == pytest.approx((2.0 + steps * robot.dt, *now[:2]), abs=2e-3)
 
 
+@pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC, LONG], ids=["wheels", "holonomic", "long wheels"])
+def test_rollouts_abreast_do_not_depend_on_one_another(robot: RobotSpec) -> None:
+    """Each of 150 sequences costs what it costs alone, whatever ends before it; some reach the goal, some touch, some go on."""
+    colony, rng = _colony(robot), np.random.default_rng(7)
+    problem = colony.problem._replace(start=RobotState(7.9, 4.1, 0.1, 0.6, 0.0))
+    outlook, steps = problem.outlook, len(problem.outlook.plan)
+    outlook.near[:] = 2
+    for k in range(steps + 1):
+        for i, x in enumerate((8.6 - 0.01 * k, 7.4)):
+            outlook.disc[k, i] = x, 4.9, 0.5, 0.55, 0.5, -0.1, 0.0, math.inf, 0.8, i, 0.7, 0.3
+    write_beyond(robot.v_max, outlook)
+    low, high = ((-0.3, -1.9), (1.0, 1.9)) if robot.wheels else (-0.7, 0.9)
+    sequences = np.repeat(rng.uniform(low, high, (150, 6, 2)), 5, axis=1)
+    sequences[:50, :, 0], cost = 1.0, np.empty(150)
+    sequences[:50, :, 1] *= 0.3
+    judge_all(sequences, problem, math.inf, cost)
+    assert cost.tolist() == [judge(one, problem) for one in sequences]
+    assert (cost < 0.0).any() and (cost > 100.0).any()
+    limit, some = float(np.median(cost)), np.empty(150)
+    judge_all(sequences, problem, limit, some)
+    assert (some[cost <= limit] == cost[cost <= limit]).all() and (some[cost > limit] >= limit).all()
+    assert 20 < np.isinf(some).sum() < 80
+
+
 def test_a_corner_of_a_footprint_that_an_obstacle_scrapes_within_a_step_is_a_contact() -> None:
     """An obstacle of radius 0.2 m passes the rear left corner at 0.19 m; at both ends of the step it is 0.227 m from it."""
     colony = _colony(LONG)
@@ -132,10 +156,10 @@ def test_a_rollout_is_given_up_as_soon_as_the_plan_shows_that_it_must_be_too_dea
             controls = np.repeat(rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)), 5, axis=0)[:steps]
             cost = judge(controls, colony.problem)
             assert judge(controls, colony.problem, cost + 1e-6) == cost
-        path, last = np.zeros((steps + 1, 3)), colony.problem.lanes.value[[X, Y]]
+        path, last = np.zeros((steps + 1, 3)), colony.problem.batch.value[[X, Y]]
         assert judge(controls, colony.problem, arrival - 0.3 - WHEELS.dt * steps) == math.inf
         path_of(controls, colony.problem, 0.0, path)  # it got no farther than the first step
-        assert (colony.problem.lanes.value[[X, Y]] == path[1, 1:]).all() and (path[1, 1:] != last).all()
+        assert (colony.problem.batch.value[[X, Y]] == path[1, 1:]).all() and (path[1, 1:] != last).all()
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])

@@ -40,8 +40,8 @@ def _from_footprint(point: np.ndarray, corners: Corners) -> float:
 
 def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()) -> float:
     """The cost as its definition says it, of a robot that drives exactly."""
-    state, limits, dt, field, outlook, w, lanes = problem
-    now, cost, harm = state, 0.0, dict.fromkeys(range(lanes.harm.shape[1]), 0.0)
+    state, limits, dt, field, outlook, w, batch = problem
+    now, cost, harm = state, 0.0, dict.fromkeys(range(batch.harm.shape[1]), 0.0)
     arrived = math.inf  # the step at the end of which the robot is at the goal
     for k, (ca, cb) in enumerate(controls.tolist()):
         if k * dt > arrived * dt + max(w.stopping_time - dt, 0.0) + 1e-9:
@@ -87,7 +87,7 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
                 danger += decay * w.turn_risk * turn_time * min((turn_distance - away) / (turn_distance - contact), 1.0)
             if away < contact:
                 danger += decay * w.contact * (1.0 + contact - away)
-            harm[owner] = max(harm[owner], danger) if lanes.harm.size else harm.get(owner, 0.0) + danger
+            harm[owner] = max(harm[owner], danger) if batch.harm.size else harm.get(owner, 0.0) + danger
             t = min(late, straight)
             far = math.hypot(stands[0] - cx, stands[1] - cy)
             drifted = math.hypot(stands[0] - cx - vx * t, stands[1] - cy - vy * t)
@@ -128,7 +128,7 @@ def afterwards_of(state: tuple[float, ...], problem: ControlProblem, decay: floa
     x, y, theta, a, b = state
     limits, field, outlook, w = problem.limits, problem.field, problem.outlook, problem.weights
     discs = outlook.disc[-1, : outlook.near[-1]].tolist()
-    if not discs or not problem.lanes.harm.size:
+    if not discs or not problem.batch.harm.size:
         return 0.0
     t, down = np.linspace(0.0, 3.0, 6001), _downhill(x, y, field)
     down /= np.hypot(*down)
@@ -194,10 +194,10 @@ def lost_of(state: tuple[float, ...], limits: RobotLimits, field: StaticField) -
 
 def least_of_arcs(held: np.ndarray, block: int, arcs: int, problem: ControlProblem) -> float:
     """The least time to the goal of all sequences of arcs, each with a command held or down the field; none may touch."""
-    state, limits, dt, field, _, w, lanes = problem
+    state, limits, dt, field, _, w, batch = problem
     w = w._replace(progress=0.0, decay=0.0, contact=1e6, wall=1e6)
     w = w._replace(near=w.near / block, risk=w.risk / block, turn_risk=w.turn_risk / block)
-    problem = problem._replace(lanes=lanes._replace(harm=np.empty((64, 0))), weights=w)
+    problem = problem._replace(batch=batch._replace(harm=np.empty((64, 0))), weights=w)
     least = math.inf
     for chosen in itertools.product(range(len(held) + 2), repeat=arcs):
         controls, now = np.empty((arcs * block, 2)), state

@@ -16,7 +16,7 @@ from antway.kernels.baselines.mppi import Sampling, path_integral
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import ControlProblem, CostWeights
 from antway.world.policy import Command, Observation, Task, commanded
-from antway.world.rollouts import acting, empty_outlook, finite_limits, make_lanes, static_field
+from antway.world.rollouts import acting, empty_outlook, finite_limits, make_batch, static_field
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -102,7 +102,7 @@ class Mppi(Follow):
             static_field(task, self.search.field),
             empty_outlook(steps),
             weights,
-            make_lanes(0.0, summed=True),
+            make_batch(0.0, summed=True),
         )
         self.margins = Margins(self.margin, self.preferred_gap, 0.0, 0.0, 0.0, 0.0, 1.0)
         self.bounds = SpeedBounds(robot.v_max, 0.0, 0.0, 0.0)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits, RobotState
-from antway.kernels.controls.abreast import LANES, ROWS
+from antway.kernels.controls.abreast import BATCH, ROWS
 from antway.kernels.controls.fields import beyond_walls, turning_times, wall_distance
+from antway.kernels.controls.problem import COLUMNS, Batch, Outlook, StaticField
 from antway.kernels.controls.seeds import descent_points
-from antway.kernels.controls.problem import COLUMNS, Lanes, Outlook, StaticField
 from antway.world.policy import XY, Observation, Task
 from antway.world.robots import RobotSpec
 
@@ -89,13 +89,13 @@ def empty_outlook(steps: int) -> Outlook:
     return Outlook(np.zeros(steps + 1, np.int64), discs, np.zeros((steps + 1, 3, _OBSTACLES)), plan)
 
 
-def make_lanes(length: float, summed: bool = False) -> Lanes:
+def make_batch(length: float, summed: bool = False) -> Batch:
     """Return memory for rollouts, and for ways of up to `length` m down the time to the goal.
 
     If `summed`, the costs of an obstacle are added up over all steps; else its worst step counts.
     """
-    harm, path = np.zeros((LANES, 0 if summed else _OBSTACLES)), np.zeros((descent_points(length), 2))
-    return Lanes(np.zeros(ROWS * LANES), np.zeros(LANES, np.int64), harm, path)
+    harm, path = np.zeros((BATCH, 0 if summed else _OBSTACLES)), np.zeros((descent_points(length), 2))
+    return Batch(np.zeros(ROWS * BATCH), np.zeros(BATCH, np.int64), harm, path)
 
 
 def _by_heading(

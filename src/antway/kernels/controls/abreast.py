@@ -1,8 +1,8 @@
 """Rollouts abreast: in each step all sequences of controls are driven and judged, in loops that become SIMD instructions.
 
-One rollout after another would wait for each of its own results. Here a lane is a rollout that still goes on, and what is known
-of it stands in one column of `Lanes.value`. A loop over lanes reads and writes rows that are a constant apart, so that LLVM can
-tell that they do not overlap. Lanes that end are closed up.
+One rollout after another would wait for each of its own results. Here what is known of a rollout stands in one column of
+`Batch.value`. A loop over rollouts reads and writes rows that are a constant apart, so that LLVM can tell that they do not
+overlap. When rollouts end, the others close up.
 """
 
 from __future__ import annotations
@@ -24,53 +24,52 @@ from antway.kernels.controls.problem import (
     TOLERANCE,
     VX,
     VY,
+    Batch,
     ControlProblem,
-    Lanes,
     StaticField,
 )
 from antway.kernels.controls.rollout import is_too_dear, lost_time, obstacle_cost, stop_behind_wall
 
-LANES = 64  # most rollouts that are stepped abreast
-ROWS = 30
-_ROWS = tuple(LANES * row for row in range(ROWS))
-# Rows of `Lanes.value`: the motion state at the end of a step, what the rollout has cost, and the step from which the robot brakes
-# because it has reached the goal, which are kept when lanes close up;
+BATCH = 64  # most rollouts that are stepped abreast
+ROWS = 30  # numbers of each rollout
+_ROWS = tuple(BATCH * row for row in range(ROWS))
+# Rows of `Batch.value`. The first ones are kept when rollouts close up: the motion state at the end of a step, what the rollout
+# has cost, and the step from which the robot brakes because it has reached the goal.
 X, Y, COS, SIN, A, B, COST, BRAKES = _ROWS[:8]
-# the command; where the robot was before the step and its heading; the distance to walls; what obstacles cost in the step;
+# The command of a step, the place and the heading before it, the distance to walls, and what obstacles cost in the step.
 ONE, TWO, X0, Y0, COS0, SIN0, WALL, HARM = _ROWS[8:16]
-# the static time to go and the time lost to the turning radius; the time to go by the plan as well; the cost with it; and whether
-# the rollout ends or is at the goal.
+# The static time to go, the time lost to the turning radius, the time to go that counts, the cost with it, and what happens.
 TO_GO, TURNING, VALUE, WITH_VALUE, EVENT = _ROWS[16:21]
-# A bilinear interpolation: indices, fractions, the values of one corner on either side, and the differences to the next; the result.
+# A bilinear interpolation: the node, where the robot is in its square, two nodes with the changes to the next, and the result.
 _LINE, _COL, _UP, _ALONG, _LOW, _LOW_CHANGE, _HIGH, _HIGH_CHANGE, SAMPLE = _ROWS[21:30]
-_NEXT = np.uint64(1)
+_NEXT = np.uint64(1)  # the step to the next node, of the type of indices
 _TOO_DEAR, _AT_GOAL, _BRAKES = 1, 2, 4  # values of EVENT, which are added up
 
 
 @inner_kernel
-def lane_state(value: NDArray[np.float64], i: int) -> MotionState:
-    """Return the motion state of lane i."""
+def rollout_state(value: NDArray[np.float64], i: int) -> MotionState:
+    """Return the motion state of rollout i."""
     return MotionState(value[X + i], value[Y + i], value[COS + i], value[SIN + i], value[A + i], value[B + i])
 
 
 @inner_kernel
-def set_lane(value: NDArray[np.float64], i: int, at: MotionState) -> None:
-    """Write the motion state of lane i."""
+def set_rollout(value: NDArray[np.float64], i: int, at: MotionState) -> None:
+    """Write the motion state of rollout i."""
     value[X + i], value[Y + i], value[COS + i], value[SIN + i], value[A + i], value[B + i] = at
 
 
 @inner_kernel
 def drive(value: NDArray[np.float64], n: int, limits: RobotLimits, dt: float) -> None:
-    """Drive the first n lanes for a period by their commands."""
+    """Drive the first n rollouts for a period by their commands."""
     for i in range(n):
-        at = lane_state(value, i)
+        at = rollout_state(value, i)
         value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i] = at.x, at.y, at.cos, at.sin
-        set_lane(value, i, step(at, value[ONE + i], value[TWO + i], limits, dt))
+        set_rollout(value, i, step(at, value[ONE + i], value[TWO + i], limits, dt))
 
 
 @inner_kernel
 def _sample(value: NDArray[np.float64], n: int, field: NDArray[np.float32], frame: NDArray[np.float64]) -> None:
-    """Write to SAMPLE what `sample` returns for each of the first n lanes."""
+    """Write to SAMPLE what `sample` returns for each of the first n rollouts."""
     x, y, nodes = frame[0], frame[1], frame[2]
     right, top = field.shape[1] - 1.001, field.shape[0] - 1.001
     for i in range(n):
@@ -90,30 +89,30 @@ def _sample(value: NDArray[np.float64], n: int, field: NDArray[np.float32], fram
 
 @inner_kernel
 def wall_distances(value: NDArray[np.float64], n: int, field: StaticField, enough: float) -> None:
-    """Write to WALL what `clearance` returns for each of the first n lanes."""
+    """Write to WALL what `clearance` returns for each of the first n rollouts."""
     _sample(value, n, field.wall, field.wall_frame)
     for i in range(n):
         value[WALL + i] = value[SAMPLE + i]
     if len(field.discs) > 0:
         for i in range(n):
             if value[WALL + i] < enough:
-                value[WALL + i] = clearance(field, lane_state(value, i), enough)
+                value[WALL + i] = clearance(field, rollout_state(value, i), enough)
 
 
 @inner_kernel
 def times_to_go(value: NDArray[np.float64], n: int, field: StaticField) -> None:
-    """Write to TO_GO and TURNING what `time_to_go` and `turning_loss` return for each of the first n lanes."""
+    """Write to TO_GO and TURNING what `time_to_go` and `turning_loss` return for each of the first n rollouts."""
     _sample(value, n, field.time, field.time_frame)
     for i in range(n):
         value[TO_GO + i], value[TURNING + i] = max(value[SAMPLE + i], 0.0), 0.0
     if len(field.turning) > 1:
         for i in range(n):
-            value[TURNING + i] = turning_loss(field, lane_state(value, i))
+            value[TURNING + i] = turning_loss(field, rollout_state(value, i))
 
 
 @inner_kernel
 def _count_near(value: NDArray[np.float64], n: int, k: int, problem: ControlProblem) -> None:
-    """Write to HARM how many obstacles can cost each of the first n lanes anything in step k, but for its stop."""
+    """Write to HARM how many obstacles can cost each of the first n rollouts anything in step k, but for its stop."""
     outlook, dt, has_box = problem.outlook, problem.dt, len(problem.field.discs) > 0
     for i in range(n):
         value[HARM + i] = 0.0
@@ -130,15 +129,15 @@ def _count_near(value: NDArray[np.float64], n: int, k: int, problem: ControlProb
 
 
 @inner_kernel
-def obstacle_costs(lanes: Lanes, n: int, k: int, decay: float, problem: ControlProblem) -> None:
-    """Write to HARM what `obstacle_cost` returns for each of the first n lanes in step k."""
-    value, guarded = lanes.value, problem.weights.stop > 0.0
+def obstacle_costs(batch: Batch, n: int, k: int, decay: float, problem: ControlProblem) -> None:
+    """Write to HARM what `obstacle_cost` returns for each of the first n rollouts in step k."""
+    value, guarded = batch.value, problem.weights.stop > 0.0
     _count_near(value, n, k, problem)
     for i in range(n):
         if value[HARM + i] > 0.0 or guarded:
             before = MotionState(value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], 0.0, 0.0)
-            harm = lanes.harm[lanes.sequence[i]]
-            value[HARM + i] = obstacle_cost(before, lane_state(value, i), k, decay, problem, harm)
+            harm = batch.harm[batch.sequence[i]]
+            value[HARM + i] = obstacle_cost(before, rollout_state(value, i), k, decay, problem, harm)
 
 
 @inner_kernel
@@ -157,10 +156,11 @@ def _wall_costs(value: NDArray[np.float64], n: int, decay: float, problem: Contr
 
 @inner_kernel
 def _time_costs(value: NDArray[np.float64], n: int, k: int, left: int, limit: float, problem: ControlProblem) -> int:
-    """Write to VALUE, WITH_VALUE and EVENT what the time to go costs in step k, and whether it ends a rollout; return how often."""
-    outlook, goal, dt, off_plan, progress = problem.outlook, problem.field.goal, problem.dt, problem.weights.off_plan, problem.weights.progress
-    plan_x, plan_y, plan_to_go = outlook.plan[k, 0], outlook.plan[k, 1], outlook.plan[k, 2]
-    goal_x, goal_y, near, slow = goal[GOAL_X], goal[GOAL_Y], goal[TOLERANCE] * goal[TOLERANCE], goal[GOAL_SPEED] * goal[GOAL_SPEED]
+    """Write to VALUE, WITH_VALUE and EVENT what the time to go costs in step k and what happens; return the sum of events."""
+    plan, goal, dt = problem.outlook.plan, problem.field.goal, problem.dt
+    off_plan, progress = problem.weights.off_plan, problem.weights.progress
+    plan_x, plan_y, plan_to_go = plan[k, 0], plan[k, 1], plan[k, 2]
+    goal_x, goal_y, near, slow = goal[GOAL_X], goal[GOAL_Y], goal[TOLERANCE] ** 2, goal[GOAL_SPEED] ** 2
     events = 0
     for i in range(n):
         x, y, a, b, to_go = value[X + i], value[Y + i], value[A + i], value[B + i], value[TO_GO + i]
@@ -176,42 +176,42 @@ def _time_costs(value: NDArray[np.float64], n: int, k: int, left: int, limit: fl
 
 
 @inner_kernel
-def close_up(lanes: Lanes, i: int, to: int) -> None:
-    """Move what is kept of lane i to lane `to`."""
-    value = lanes.value
-    set_lane(value, to, lane_state(value, i))
+def close_up(batch: Batch, i: int, to: int) -> None:
+    """Move what is kept of rollout i to column `to`."""
+    value = batch.value
+    set_rollout(value, to, rollout_state(value, i))
     value[COST + to], value[BRAKES + to] = value[COST + i], value[BRAKES + i]
-    lanes.sequence[to] = lanes.sequence[i]
+    batch.sequence[to] = batch.sequence[i]
 
 
 @inner_kernel
-def _start(n: int, lanes: Lanes, problem: ControlProblem) -> None:
-    """Put n lanes at the start of the problem."""
+def _start(n: int, batch: Batch, problem: ControlProblem) -> None:
+    """Put n rollouts at the start of the problem."""
     at = motion_state(problem.start)
     for i in range(n):
-        set_lane(lanes.value, i, at)
-        lanes.value[COST + i], lanes.value[BRAKES + i], lanes.sequence[i] = 0.0, math.inf, i
+        set_rollout(batch.value, i, at)
+        batch.value[COST + i], batch.value[BRAKES + i], batch.sequence[i] = 0.0, math.inf, i
     if problem.outlook.near.any():
-        lanes.harm[:n] = 0.0
+        batch.harm[:n] = 0.0
 
 
 @inner_kernel
-def _commands(sequences: NDArray[np.float64], k: int, lanes: Lanes, n: int) -> None:
+def _commands(sequences: NDArray[np.float64], k: int, batch: Batch, n: int) -> None:
     """Write the commands of step k; a robot that has reached the goal brakes."""
-    value = lanes.value
+    value = batch.value
     for i in range(n):
         drives = k < value[BRAKES + i]
-        value[ONE + i] = sequences[lanes.sequence[i], k, 0] if drives else 0.0
-        value[TWO + i] = sequences[lanes.sequence[i], k, 1] if drives else 0.0
+        value[ONE + i] = sequences[batch.sequence[i], k, 0] if drives else 0.0
+        value[TWO + i] = sequences[batch.sequence[i], k, 1] if drives else 0.0
 
 
 @inner_kernel
 def _end(cost: NDArray[np.float64], n: int, k: int, left: int, decay: float, limit: float, problem: ControlProblem) -> int:
-    """Write the costs of the rollouts that end with step k, and return how many lanes go on."""
-    limits, dt, field, w, lanes = problem.limits, problem.dt, problem.field, problem.weights, problem.lanes
-    value, to = lanes.value, 0
+    """Write the costs of the rollouts that end with step k, and return how many go on."""
+    limits, dt, field, w, batch = problem.limits, problem.dt, problem.field, problem.weights, problem.batch
+    value, to = batch.value, 0
     for i in range(n):
-        at, mine, event = lane_state(value, i), lanes.sequence[i], value[EVENT + i]
+        at, mine, event = rollout_state(value, i), batch.sequence[i], value[EVENT + i]
         if _AT_GOAL <= event < _BRAKES:
             value[COST + i] -= left * dt
             value[BRAKES + i] = k + 1.0 + max(round(w.stopping_time / dt) - 1, 0)
@@ -232,31 +232,38 @@ def _end(cost: NDArray[np.float64], n: int, k: int, left: int, decay: float, lim
                 total = value[COST + i] + max(value[VALUE + i], to_go + lost)
                 cost[mine] = math.inf
                 if total <= limit:
-                    cost[mine] = total + cost_afterwards(at, problem, decay, lanes.harm[mine], limit - total)
+                    cost[mine] = total + cost_afterwards(at, problem, decay, batch.harm[mine], limit - total)
             elif event == _TOO_DEAR:
                 cost[mine] = math.inf
                 continue
-        close_up(lanes, i, to)
+        close_up(batch, i, to)
         to += 1
     return to
 
 
 @bare_kernel
 def _judge_abreast(sequences: NDArray[np.float64], problem: ControlProblem, limit: float, cost: NDArray[np.float64]) -> None:
-    """Do as `judge_all` does, for at most LANES sequences."""
-    limits, dt, field, outlook, w, lanes = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights, problem.lanes
-    value, n, steps = lanes.value, len(sequences), sequences.shape[1]
-    _start(n, lanes, problem)
+    """Do as `judge_all` does, for at most BATCH sequences."""
+    limits, dt, field, outlook, w, batch = (
+        problem.limits,
+        problem.dt,
+        problem.field,
+        problem.outlook,
+        problem.weights,
+        problem.batch,
+    )
+    value, n, steps = batch.value, len(sequences), sequences.shape[1]
+    _start(n, batch, problem)
     decay, decay_of_step = 1.0, math.exp(-w.decay * dt)
     for k in range(steps):
         left = steps - 1 - k
-        _commands(sequences, k, lanes, n)
+        _commands(sequences, k, batch, n)
         drive(value, n, limits, dt)
         # What walls and obstacles cost in this step.
         wall_distances(value, n, field, w.wall_margin + w.wall_range)
         _wall_costs(value, n, decay, problem)
         if outlook.near[k] > 0:
-            obstacle_costs(lanes, n, k, decay, problem)
+            obstacle_costs(batch, n, k, decay, problem)
             for i in range(n):
                 value[COST + i] += value[HARM + i]
         decay *= decay_of_step
@@ -299,5 +306,5 @@ def judge_all(sequences: NDArray[np.float64], problem: ControlProblem, limit: fl
     What obstacles will cost afterwards is added (kernels/controls/afterwards.py). A robot that reaches the goal brakes as soon
     as a command given there acts; what it meets until it stands counts as before.
     """
-    for first in range(0, len(sequences), LANES):
-        _judge_abreast(sequences[first : first + LANES], problem, limit, cost[first : first + LANES])
+    for first in range(0, len(sequences), BATCH):
+        _judge_abreast(sequences[first : first + BATCH], problem, limit, cost[first : first + BATCH])

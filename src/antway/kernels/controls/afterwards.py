@@ -47,15 +47,13 @@ def _none_near(x: float, y: float, n: int, beyond: NDArray[np.float64]) -> bool:
 
 
 @bare_kernel
-def cost_afterwards(
-    at: MotionState, problem: ControlProblem, decay: float, costs: NDArray[np.float64], limit: float
-) -> float:
+def cost_afterwards(at: MotionState, problem: ControlProblem, decay: float, costs: NDArray[np.float64], limit: float) -> float:
     """Return what obstacles cost a robot after it is `at` the end of a rollout, s, or `limit` if it is more.
 
     Each of nine motions costs the time that it loses, and for each obstacle the risk of contact where it is nearest, as far as
     that is more than the obstacle has cost before. The least of them counts. Obstacles that are slower than the robot count
     less, because they do not catch up with it. `decay` is the weight of risks by then, and `costs`, float64[M], the
-    sequence's row of `Lanes.harm`.
+    sequence's row of `Batch.harm`.
     """
     limits, field, outlook, w = problem.limits, problem.field, problem.outlook, problem.weights
     steps = len(outlook.plan)
@@ -88,7 +86,11 @@ def cost_afterwards(
             if square < disc[RISKY] * disc[RISKY]:
                 uncertain = disc[RISKY] - disc[CONTACT]
                 share = min((disc[RISKY] - math.sqrt(square)) / uncertain, 1.0)
-                share *= share * min(uncertain / _UNSURE, 1.0) * min(math.sqrt(disc[VX] * disc[VX] + disc[VY] * disc[VY]) / limits.v_max, 1.0)
+                share *= (
+                    share
+                    * min(uncertain / _UNSURE, 1.0)
+                    * min(math.sqrt(disc[VX] * disc[VX] + disc[VY] * disc[VY]) / limits.v_max, 1.0)
+                )
                 cost += max(decay * w.risk * share - costs[int(disc[OWNER])], 0.0)
                 if cost >= least:
                     break
@@ -121,7 +123,7 @@ def _unblocked(at: MotionState, ux: float, uy: float, span: float, field: Static
 
 @inner_kernel
 def _least_square(x: float, y: float, ux: float, uy: float, since: float, until: float, disc: NDArray[np.float64]) -> float:
-    """Return the least squared distance of an obstacle from a robot that moves from (x, y) at (ux, uy) m/s from `since` on, m^2.
+    """Return the least squared distance of an obstacle from a robot that moves from (x, y) at (ux, uy) m/s in a time, m^2.
 
     What the obstacle does after a wall has changed its velocity does not count.
     """
@@ -133,4 +135,5 @@ def _least_square(x: float, y: float, ux: float, uy: float, since: float, until:
     square = wx * wx + wy * wy
     t = min(max(-(dx * wx + dy * wy) / square, 0.0), until - since) if square > 1e-9 else 0.0
     dx, dy = dx + wx * t, dy + wy * t
-    return dx * dx + dy * dy
+    nearest: float = dx * dx + dy * dy
+    return nearest

@@ -172,7 +172,7 @@ def refill(archive: Archive, lattice: Lattice, problem: ControlProblem, most: in
     if problem.outlook.near[:-1].any():
         best_arcs(archive.ants[0], lattice, problem)
         n = 1
-    path, span = problem.lanes.path, problem.limits.v_max * archive.ants.shape[1] * problem.dt
+    path, span = problem.batch.path, problem.limits.v_max * archive.ants.shape[1] * problem.dt
     points = descend(path, problem.field, problem.start.x, problem.start.y, span)
     for i in range(SEEDS):
         n += int(write_seed(archive.ants[n], problem, path, points, i))

@@ -18,20 +18,22 @@ from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.controls.abreast import (
     COST as COST_SO_FAR,
+)
+from antway.kernels.controls.abreast import (
     HARM,
     ONE,
     TWO,
     WALL,
     close_up,
     drive,
-    lane_state,
     obstacle_costs,
-    set_lane,
+    rollout_state,
+    set_rollout,
     wall_distances,
 )
 from antway.kernels.controls.lookup import at_goal, time_to_go, turning_loss
 from antway.kernels.controls.motion import MotionState, motion_state
-from antway.kernels.controls.problem import ControlProblem, Lanes
+from antway.kernels.controls.problem import Batch, ControlProblem
 from antway.kernels.controls.rollout import lost_time
 from antway.kernels.controls.seeds import descend, downhill
 
@@ -78,31 +80,31 @@ def _drive_arcs(lattice: Lattice, parent: int, first: int, count: int, problem: 
 
     DONE is `_TOUCHES` where an arc touches a wall or an obstacle.
     """
-    node, link, dt, w, lanes = lattice.node, lattice.link, problem.dt, problem.weights, problem.lanes
-    value, block, at, n = lanes.value, lattice.command.shape[1], _state_at(node[parent]), count
+    node, link, dt, w, batch = lattice.node, lattice.link, problem.dt, problem.weights, problem.batch
+    value, block, at, n = batch.value, lattice.command.shape[1], _state_at(node[parent]), count
     for i in range(n):
-        set_lane(value, i, at)
-        value[COST_SO_FAR + i], lanes.sequence[i] = node[parent, COST], i
+        set_rollout(value, i, at)
+        value[COST_SO_FAR + i], batch.sequence[i] = node[parent, COST], i
         link[first + i, PARENT], link[first + i, ARCS], link[first + i, DONE] = parent, link[parent, ARCS] + 1, _TOUCHES
     for q in range(block):
         k, to = link[parent, ARCS] * block + q, 0
         for i in range(n):
-            new = first + lanes.sequence[i]
+            new = first + batch.sequence[i]
             value[ONE + i], value[TWO + i] = lattice.command[new, q, 0], lattice.command[new, q, 1]
         drive(value, n, problem.limits, dt)
         wall_distances(value, n, problem.field, w.wall_margin)
         if problem.outlook.near[k] > 0:
-            obstacle_costs(lanes, n, k, 1.0, problem)
+            obstacle_costs(batch, n, k, 1.0, problem)
         for i in range(n):
             harm = value[HARM + i] if problem.outlook.near[k] > 0 else 0.0
             if value[WALL + i] >= w.wall_margin and harm < w.contact:
                 value[COST_SO_FAR + i] += harm / block
-                close_up(lanes, i, to)
-                ends = at_goal(problem.field, lane_state(value, to))
+                close_up(batch, i, to)
+                ends = at_goal(problem.field, rollout_state(value, to))
                 if ends or q == block - 1:
-                    new, cost = first + lanes.sequence[to], value[COST_SO_FAR + to] - (block - 1 - q) * dt
+                    new, cost = first + batch.sequence[to], value[COST_SO_FAR + to] - (block - 1 - q) * dt
                     link[new, DONE] = int(ends)
-                    _store(node[new], lane_state(value, to), cost + block * dt)
+                    _store(node[new], rollout_state(value, to), cost + block * dt)
                 to += int(not ends)
         n = to
 
@@ -171,8 +173,8 @@ def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProble
         Speed and turn rate, or vx and vy, commanded in each period.
     """
     node, link, command, heap = lattice.node, lattice.link, lattice.command, lattice.heap
-    limits, dt, lanes = problem.limits, problem.dt, problem.lanes
-    summed = Lanes(lanes.value, lanes.sequence, lanes.harm[:, :0], lanes.path)  # the costs of all steps are added up
+    limits, dt, batch = problem.limits, problem.dt, problem.batch
+    summed = Batch(batch.value, batch.sequence, batch.harm[:, :0], batch.path)  # the costs of all steps are added up
     block = command.shape[1]
     arcs, held = len(ant) // block, len(lattice.held)
     longest = limits.v_max * block * dt
@@ -199,10 +201,10 @@ def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProble
         for i in range(held):
             for q in range(block):
                 command[first + i, q, 0], command[first + i, q, 1] = lattice.held[i, 0], lattice.held[i, 1]
-        points = descend(lanes.path, problem.field, x, y, longest)
+        points = descend(batch.path, problem.field, x, y, longest)
         for i in range(DOWNHILL):
             speed = limits.v_max if i == 0 else 0.5 * limits.v_max
-            downhill(command[first + held + i], from_node, lanes.path, points, speed, 0.0, 0)
+            downhill(command[first + held + i], from_node, batch.path, points, speed, 0.0, 0)
         _drive_arcs(lattice, at, first, held + DOWNHILL, from_node)
         for new in range(first, first + held + DOWNHILL):
             if link[new, DONE] != _TOUCHES:

@@ -51,7 +51,7 @@ def same_path(
     path_of(controls, problem, began, path)
     last = len(path) - 1
     start, end = max(shown[0, 0], began), min(shown[last, 0], path[last, 0])
-    alike = end >= start + _LEAST
+    alike: bool = end >= start + _LEAST
     for i in range(_COMPARED):
         if alike:
             t = start + (end - start) * i / (_COMPARED - 1)

@@ -11,7 +11,7 @@ from antway.kernels.base.records import RobotLimits, RobotState
 
 # Columns of an obstacle at the end of a step: its place in m; the distances of the centres in m at which contact begins and up
 # to which a greater distance is preferred; the bound on its speed in m/s; its velocity in m/s; the time in s until a wall
-# changes its velocity; the distance of the centres in m at which the risk of contact begins; its column in `Lanes.harm`; the
+# changes its velocity; the distance of the centres in m at which the risk of contact begins; its column in `Batch.harm`; the
 # distance of the centres in m at which the risk of turns begins, and the time in s within which a turn comes too late for the
 # robot to respond.
 CENTRE_X, CENTRE_Y, CONTACT, PREFERRED, SPEED, VX, VY, STRAIGHT, RISKY, OWNER, TURN_DISTANCE, TURN_TIME = range(12)
@@ -50,11 +50,11 @@ class CostWeights(NamedTuple):
     """What a rollout costs, in seconds."""
 
     progress: float  # 1; for each second to go at the end of each step
-    contact: float  # s; for a predicted contact, and s/m for its depth; see `Lanes.harm`
+    contact: float  # s; for a predicted contact, and s/m for its depth; see `Batch.harm`
     decay: float  # 1/s; rate at which the weight of contacts, risks, stops and walls falls with the time ahead
     near: float  # s/m; at each step, for each metre that is missing to the preferred distance
-    risk: float  # s; where contact begins; falls with the square to nothing where the risk begins; see `Lanes.harm`
-    turn_risk: float  # 1; where contact begins, for each s of TURN_TIME; falls to nothing at TURN_DISTANCE; see `Lanes.harm`
+    risk: float  # s; where contact begins; falls with the square to nothing where the risk begins; see `Batch.harm`
+    turn_risk: float  # 1; where contact begins, for each s of TURN_TIME; falls to nothing at TURN_DISTANCE; see `Batch.harm`
     wall: float  # s; at each step at which the robot is nearer to a wall than `wall_margin`
     wall_margin: float  # m
     wall_risk: float  # 1; for each second at `wall_margin`; falls to nothing at `wall_range` from there
@@ -67,13 +67,13 @@ class CostWeights(NamedTuple):
     swerve: float  # m/s^2; bound on the change of obstacles' velocities, but where walls change them
 
 
-class Lanes(NamedTuple):
-    """Memory for rollouts that are stepped abreast (kernels/controls/abreast.py); a lane is one that still goes on."""
+class Batch(NamedTuple):
+    """Memory for rollouts that are stepped abreast (kernels/controls/abreast.py)."""
 
-    value: NDArray[np.float64]  # [ROWS * LANES] one row of numbers after another: X and the others in kernels/controls/abreast.py
-    sequence: NDArray[np.int64]  # [LANES] index of the sequence that is rolled out
-    harm: NDArray[np.float64]  # [LANES, M] s; what each obstacle costs each sequence, at its worst step; if M is 0, the costs of
-    # all steps are added up
+    value: NDArray[np.float64]  # [ROWS * BATCH] X and the other rows in kernels/controls/abreast.py, one after another
+    sequence: NDArray[np.int64]  # [BATCH] which sequence each rollout is of
+    # [BATCH, M] s; what each obstacle costs each sequence, at its worst step; if M is 0, the costs of all steps are added up
+    harm: NDArray[np.float64]
     path: NDArray[np.float64]  # [P, 2] m; a way down the time to the goal (kernels/controls/seeds.py)
 
 
@@ -86,4 +86,4 @@ class ControlProblem(NamedTuple):
     field: StaticField
     outlook: Outlook
     weights: CostWeights
-    lanes: Lanes
+    batch: Batch

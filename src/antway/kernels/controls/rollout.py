@@ -53,7 +53,7 @@ def obstacle_cost(
 ) -> float:
     """Return the cost of obstacles in step k, from `before` to `at`: contacts, close passes, stops that they could enter, s.
 
-    `costs`, float64[M], is the sequence's row of `Lanes.harm`.
+    `costs`, float64[M], is the sequence's row of `Batch.harm`.
     """
     limits, dt, field, outlook, w = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights
     speed = abs(at.a) if limits.drive != HOLONOMIC else math.sqrt(at.a * at.a + at.b * at.b)

@@ -24,7 +24,7 @@ from antway.planning import TimedPath
 from antway.policies.guard import relative_swerve
 from antway.world.policy import Command, Observation, Task, commanded
 from antway.world.robots import RobotSpec
-from antway.world.rollouts import empty_outlook, finite_limits, make_lanes, static_field, static_time, with_times
+from antway.world.rollouts import empty_outlook, finite_limits, make_batch, static_field, static_time, with_times
 
 _AGILE = 0.8  # m/s; the numbers of `ControlOptions` are for robots with this top speed or more
 _SLOWEST = 4.0  # 1; robots slower than `_AGILE` by more than this drive as if it were this, or they flee from all that moves
@@ -191,7 +191,7 @@ class ControlColony:
             static_field(task, time_to_goal.reshape(task.grid.shape)),
             empty_outlook(steps),
             _weights(o, robot, self.slowness, swerve),
-            make_lanes(robot.v_max * steps * robot.dt),
+            make_batch(robot.v_max * steps * robot.dt),
         )
         if task.stay > 0.0:
             self._stand_at_goal()
