@@ -35,7 +35,7 @@ ROWS = 30  # numbers of each rollout
 _ROWS = tuple(BATCH * row for row in range(ROWS))
 # Rows of `Batch.value`. The first ones are kept when rollouts close up: the motion state at the end of a step, what the rollout
 # has cost, and the step from which the robot brakes because it has reached the goal.
-X, Y, COS, SIN, A, B, COST, BRAKES = _ROWS[:8]
+X, Y, COS, SIN, A, B, SPENT, BRAKES = _ROWS[:8]
 # The command of a step, the place and the heading before it, the distance to walls, and what obstacles cost in the step.
 ONE, TWO, X0, Y0, COS0, SIN0, WALL, HARM = _ROWS[8:16]
 # The static time to go, the time lost to the turning radius, the time to go that counts, the cost with it, and what happens.
@@ -142,16 +142,16 @@ def obstacle_costs(batch: Batch, n: int, k: int, decay: float, problem: ControlP
 
 @inner_kernel
 def _wall_costs(value: NDArray[np.float64], n: int, decay: float, problem: ControlProblem) -> None:
-    """Add to COST what walls cost in a step."""
+    """Add to SPENT what walls cost in a step."""
     w = problem.weights
     margin, width, firm, soft = w.wall_margin, w.wall_range, w.wall * decay, w.wall_risk * problem.dt * decay
     for i in range(n):
-        wall, cost = value[WALL + i], value[COST + i]
+        wall, cost = value[WALL + i], value[SPENT + i]
         if wall < margin:
             cost += firm * (1.0 + 10.0 * (margin - wall))
         elif wall < margin + width:
             cost += soft * (margin + width - wall) / width
-        value[COST + i] = cost
+        value[SPENT + i] = cost
 
 
 @inner_kernel
@@ -166,7 +166,7 @@ def _time_costs(value: NDArray[np.float64], n: int, k: int, left: int, limit: fl
         x, y, a, b, to_go = value[X + i], value[Y + i], value[A + i], value[B + i], value[TO_GO + i]
         px, py, gx, gy = x - plan_x, y - plan_y, x - goal_x, y - goal_y
         worth = max(to_go, plan_to_go + off_plan * math.sqrt(px * px + py * py)) + value[TURNING + i]
-        cost = value[COST + i] + progress * worth
+        cost = value[SPENT + i] + progress * worth
         event = _TOO_DEAR * int(is_too_dear(limit, cost, left, to_go, plan_to_go, dt, progress))
         event += _BRAKES * int(value[BRAKES + i] < math.inf)
         event += _AT_GOAL * int(gx * gx + gy * gy < near) * int(a * a + b * b <= slow)
@@ -180,7 +180,7 @@ def close_up(batch: Batch, i: int, to: int) -> None:
     """Move what is kept of rollout i to column `to`."""
     value = batch.value
     set_rollout(value, to, rollout_state(value, i))
-    value[COST + to], value[BRAKES + to] = value[COST + i], value[BRAKES + i]
+    value[SPENT + to], value[BRAKES + to] = value[SPENT + i], value[BRAKES + i]
     batch.sequence[to] = batch.sequence[i]
 
 
@@ -190,7 +190,7 @@ def _start(n: int, batch: Batch, problem: ControlProblem) -> None:
     at = motion_state(problem.start)
     for i in range(n):
         set_rollout(batch.value, i, at)
-        batch.value[COST + i], batch.value[BRAKES + i], batch.sequence[i] = 0.0, math.inf, i
+        batch.value[SPENT + i], batch.value[BRAKES + i], batch.sequence[i] = 0.0, math.inf, i
     if problem.outlook.near.any():
         batch.harm[:n] = 0.0
 
@@ -213,23 +213,23 @@ def _end(cost: NDArray[np.float64], n: int, k: int, left: int, decay: float, lim
     for i in range(n):
         at, mine, event = rollout_state(value, i), batch.sequence[i], value[EVENT + i]
         if _AT_GOAL <= event < _BRAKES:
-            value[COST + i] -= left * dt
+            value[SPENT + i] -= left * dt
             value[BRAKES + i] = k + 1.0 + max(round(w.stopping_time / dt) - 1, 0)
         if event >= _AT_GOAL:
             if at.a == 0.0 and at.b == 0.0:
-                cost[mine] = value[COST + i]
+                cost[mine] = value[SPENT + i]
                 continue
-            if value[COST + i] > limit:
+            if value[SPENT + i] > limit:
                 cost[mine] = math.inf
                 continue
             if left == 0:
-                cost[mine] = value[COST + i] + w.wall * decay * stop_behind_wall(at, limits, field)
+                cost[mine] = value[SPENT + i] + w.wall * decay * stop_behind_wall(at, limits, field)
         else:
-            value[COST + i] = value[WITH_VALUE + i]
+            value[SPENT + i] = value[WITH_VALUE + i]
             if left == 0:
                 to_go = value[TO_GO + i]
                 lost = value[TURNING + i] + w.ramps * lost_time(at, to_go, field, limits)
-                total = value[COST + i] + max(value[VALUE + i], to_go + lost)
+                total = value[SPENT + i] + max(value[VALUE + i], to_go + lost)
                 cost[mine] = math.inf
                 if total <= limit:
                     cost[mine] = total + cost_afterwards(at, problem, decay, batch.harm[mine], limit - total)
@@ -265,17 +265,17 @@ def _judge_abreast(sequences: NDArray[np.float64], problem: ControlProblem, limi
         if outlook.near[k] > 0:
             obstacle_costs(batch, n, k, decay, problem)
             for i in range(n):
-                value[COST + i] += value[HARM + i]
+                value[SPENT + i] += value[HARM + i]
         decay *= decay_of_step
         if k == 0:
             for i in range(n):
-                value[COST + i] -= w.stand if value[A + i] == 0.0 and value[B + i] == 0.0 else 0.0
+                value[SPENT + i] -= w.stand if value[A + i] == 0.0 and value[B + i] == 0.0 else 0.0
         # What the time to go costs, by the plan or, if that is more, by the map alone.
         times_to_go(value, n, field)
         events = _time_costs(value, n, k, left, limit, problem)
         if events == 0 and left > 0:
             for i in range(n):
-                value[COST + i] = value[WITH_VALUE + i]
+                value[SPENT + i] = value[WITH_VALUE + i]
         else:
             n = _end(cost, n, k, left, decay, limit, problem)
             if n == 0:

@@ -17,11 +17,9 @@ from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.controls.abreast import (
-    COST as COST_SO_FAR,
-)
-from antway.kernels.controls.abreast import (
     HARM,
     ONE,
+    SPENT,
     TWO,
     WALL,
     close_up,
@@ -84,7 +82,7 @@ def _drive_arcs(lattice: Lattice, parent: int, first: int, count: int, problem: 
     value, block, at, n = batch.value, lattice.command.shape[1], _state_at(node[parent]), count
     for i in range(n):
         set_rollout(value, i, at)
-        value[COST_SO_FAR + i], batch.sequence[i] = node[parent, COST], i
+        value[SPENT + i], batch.sequence[i] = node[parent, COST], i
         link[first + i, PARENT], link[first + i, ARCS], link[first + i, DONE] = parent, link[parent, ARCS] + 1, _TOUCHES
     for q in range(block):
         k, to = link[parent, ARCS] * block + q, 0
@@ -98,11 +96,11 @@ def _drive_arcs(lattice: Lattice, parent: int, first: int, count: int, problem: 
         for i in range(n):
             harm = value[HARM + i] if problem.outlook.near[k] > 0 else 0.0
             if value[WALL + i] >= w.wall_margin and harm < w.contact:
-                value[COST_SO_FAR + i] += harm / block
+                value[SPENT + i] += harm / block
                 close_up(batch, i, to)
                 ends = at_goal(problem.field, rollout_state(value, to))
                 if ends or q == block - 1:
-                    new, cost = first + batch.sequence[to], value[COST_SO_FAR + to] - (block - 1 - q) * dt
+                    new, cost = first + batch.sequence[to], value[SPENT + to] - (block - 1 - q) * dt
                     link[new, DONE] = int(ends)
                     _store(node[new], rollout_state(value, to), cost + block * dt)
                 to += int(not ends)
