@@ -59,7 +59,7 @@ class ControlOptions:
     rounds : int
         Number of iterations of the colony in a control cycle.
     ants : int
-        Number of ants in an iteration.
+        Number of ants in an iteration. All of them are drawn from the archive as the iteration before has left it.
     locality : float
         1; locality q of the search. An ant picks its guide from the archive by rank, with normal weights whose standard
         deviation is q k ranks. The smaller q is, the more the best sequences are preferred.
