@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.afterwards import cost_afterwards
-from antway.kernels.controls.lookup import clearance, turning_loss
+from antway.kernels.controls.lookup import clearance, reaches, turning_loss
 from antway.kernels.controls.motion import MotionState, motion_state, step
 from antway.kernels.controls.problem import (
     GOAL_SPEED,
@@ -160,16 +160,15 @@ def _time_costs(value: NDArray[np.float64], n: int, k: int, left: int, limit: fl
     plan, goal, dt = problem.outlook.plan, problem.field.goal, problem.dt
     off_plan, progress = problem.weights.off_plan, problem.weights.progress
     plan_x, plan_y, plan_to_go = plan[k, 0], plan[k, 1], plan[k, 2]
-    goal_x, goal_y, near, slow = goal[GOAL_X], goal[GOAL_Y], goal[TOLERANCE] ** 2, goal[GOAL_SPEED] ** 2
+    goal_x, goal_y, tolerance, slow = goal[GOAL_X], goal[GOAL_Y], goal[TOLERANCE], goal[GOAL_SPEED]
     events = 0
     for i in range(n):
-        x, y, a, b, to_go = value[X + i], value[Y + i], value[A + i], value[B + i], value[TO_GO + i]
-        px, py, gx, gy = x - plan_x, y - plan_y, x - goal_x, y - goal_y
+        px, py, to_go = value[X + i] - plan_x, value[Y + i] - plan_y, value[TO_GO + i]
         worth = max(to_go, plan_to_go + off_plan * math.sqrt(px * px + py * py)) + value[TURNING + i]
         cost = value[SPENT + i] + progress * worth
         event = _TOO_DEAR * int(is_too_dear(limit, cost, left, to_go, plan_to_go, dt, progress))
         event += _BRAKES * int(value[BRAKES + i] < math.inf)
-        event += _AT_GOAL * int(gx * gx + gy * gy < near) * int(a * a + b * b <= slow)
+        event += _AT_GOAL * int(reaches(rollout_state(value, i), goal_x, goal_y, tolerance, slow))
         value[VALUE + i], value[WITH_VALUE + i], value[EVENT + i] = worth, cost, float(event)
         events += event
     return events

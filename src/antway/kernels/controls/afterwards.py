@@ -86,11 +86,8 @@ def cost_afterwards(at: MotionState, problem: ControlProblem, decay: float, cost
             if square < disc[RISKY] * disc[RISKY]:
                 uncertain = disc[RISKY] - disc[CONTACT]
                 share = min((disc[RISKY] - math.sqrt(square)) / uncertain, 1.0)
-                share *= (
-                    share
-                    * min(uncertain / _UNSURE, 1.0)
-                    * min(math.sqrt(disc[VX] * disc[VX] + disc[VY] * disc[VY]) / limits.v_max, 1.0)
-                )
+                its_speed = math.sqrt(disc[VX] * disc[VX] + disc[VY] * disc[VY])
+                share *= share * min(uncertain / _UNSURE, 1.0) * min(its_speed / limits.v_max, 1.0)
                 cost += max(decay * w.risk * share - costs[int(disc[OWNER])], 0.0)
                 if cost >= least:
                     break

@@ -42,11 +42,17 @@ def time_to_go(field: StaticField, at: MotionState) -> float:
 
 
 @inner_kernel
+def reaches(at: MotionState, x: float, y: float, tolerance: float, slow: float) -> bool:
+    """Tell whether the robot's centre is within `tolerance` m of (x, y), and no faster than `slow` m/s."""
+    dx, dy = at.x - x, at.y - y
+    return bool(dx * dx + dy * dy < tolerance * tolerance and at.a * at.a + at.b * at.b <= slow * slow)
+
+
+@inner_kernel
 def at_goal(field: StaticField, at: MotionState) -> bool:
     """Tell whether the robot's centre is within the goal's tolerance, and slow enough."""
     goal = field.goal
-    dx, dy, near, slow = at.x - goal[GOAL_X], at.y - goal[GOAL_Y], goal[TOLERANCE], goal[GOAL_SPEED]
-    return bool(dx * dx + dy * dy < near * near and at.a * at.a + at.b * at.b <= slow * slow)
+    return reaches(at, goal[GOAL_X], goal[GOAL_Y], goal[TOLERANCE], goal[GOAL_SPEED])
 
 
 @inner_kernel

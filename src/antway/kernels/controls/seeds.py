@@ -108,7 +108,7 @@ def downhill(
 
     In the first `until` steps it steers to a point `aside` m to the left of that; a negative value is to the right.
     """
-    state, nearest, square = problem.start, 0, 0.0
+    state, nearest = problem.start, 0
     for k in range(len(ant)):
         dx, dy = path[nearest, 0] - state.x, path[nearest, 1] - state.y
         square = dx * dx + dy * dy
