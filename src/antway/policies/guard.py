@@ -17,8 +17,6 @@ from antway.kernels.robot.brake import Robot
 from antway.kernels.robot.guard import (
     BOUND_CHANGE,
     BRAKED,
-    FREE,
-    LEAST_HARM,
     STOPPING_TIME,
     STRICT,
     TABLE_COLUMNS,
@@ -27,7 +25,7 @@ from antway.kernels.robot.guard import (
     guarded,
     within_reach,
 )
-from antway.kernels.robot.passing import fallback, first_certified, passed_command, passes
+from antway.kernels.robot.passing import fallback, passed_among
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
 from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks, as_policy, commanded
@@ -269,7 +267,7 @@ class _Dynamic:
         self.late = math.ceil(robot.latency / robot.dt - 1e-9)  # number of commands that do not act yet
         self.rows, near, self.keep = np.empty((_TRACKS, COLUMNS)), np.empty((_TRACKS, COLUMNS)), np.array([0.0, 0.0, -1.0])
         self.record = Robot(robot.limits, body_of(robot), walls_of(task.grid), robot.dt, _MARGIN, self.strict, near, self.keep)
-        self._passed_command = entry(passed_command, _AT_REST, 0.0, 0.0, self.rows[:0], self.record, 0.0)
+        self._passed = entry(passed_among, _AT_REST, self.rows[:0, :2].copy(), self.rows[:0], self.record, 0.0)
         self.sent = np.zeros((self.late, 2))
         if before is not None:  # the stop that is certified, and the commands that do not act yet
             self.keep[:] = before.keep
@@ -296,17 +294,7 @@ class _Dynamic:
         if o.tracks.covariance is None and self.swerve < math.inf:
             n = _bounded(rows, n, tracks[:, AGE] < _NOW, self.swerve, self.record.walls, self.stopping)
         state = self.state_at_action(o)
-        if len(asked) > 1 and not self.strict:
-            # The policy has weighed contacts itself, so a stop would not be better than its best command: only walls count.
-            one, two = asked[first_certified(state, asked, rows[:0], self.record)].tolist()
-            one, two, did = self._passed_command(state, one, two, rows[:0], self.record, 0.0)
-            if did == FREE and not passes(state, one, two, rows[:n], self.record):
-                did = LEAST_HARM
-            return self._command(o, one, two), did
-        if len(asked) > 1:
-            asked = asked[first_certified(state, asked, rows[:n], self.record) :]
-        one, two = asked[0].tolist()
-        one, two, did = self._passed_command(state, one, two, rows[:n], self.record, lookahead + self.aside)
+        one, two, did = self._passed(state, asked, rows[:n], self.record, lookahead + self.aside)
         return self._command(o, one, two), did
 
     def state_at_action(self, o: Observation) -> RobotState:

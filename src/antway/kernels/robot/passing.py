@@ -14,7 +14,7 @@ from antway.kernels.base.geometry import TOUCH, free_distance
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotState
 from antway.kernels.robot.brake import CYCLES, SIDE, STRAIGHT, TURN, Robot, Situation, situation_of, stop_for
-from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, time_to_contact
+from antway.kernels.robot.guard import BRAKED, FREE, LEAST_HARM, SLOWED, STEPPED_ASIDE, time_to_contact
 from antway.kernels.robot.motion import REST, clipped, drive_roughly
 from antway.kernels.robot.reach import AGE, RADIUS, VX, VY, X, Y
 
@@ -151,11 +151,8 @@ def passed_command(
 
 
 @bare_kernel
-def first_certified(state: RobotState, commands: NDArray[np.float64], tracks: NDArray[np.float64], robot: Robot) -> int:
-    """Return the index of the first of `commands`, float64[N, 2], that passes unchanged, or 0 if none does.
-
-    The other parameters are those of `passed_command`.
-    """
+def _first_certified(state: RobotState, commands: NDArray[np.float64], tracks: NDArray[np.float64], robot: Robot) -> int:
+    """Return the index of the first of `commands`, float64[N, 2], that passes unchanged, or 0 if none does."""
     situation = situation_of(state, robot, tracks)
     for i in range(len(commands)):
         ca, cb = clipped(commands[i, 0], commands[i, 1], robot.limits)
@@ -165,9 +162,22 @@ def first_certified(state: RobotState, commands: NDArray[np.float64], tracks: ND
 
 
 @bare_kernel
-def passes(state: RobotState, ca: float, cb: float, tracks: NDArray[np.float64], robot: Robot) -> bool:
-    """Tell whether a command within the robot's limits passes unchanged; the parameters are those of `passed_command`."""
-    return stop_for(situation_of(state, robot, tracks), ca, cb)
+def passed_among(
+    state: RobotState, commands: NDArray[np.float64], tracks: NDArray[np.float64], robot: Robot, lookahead: float
+) -> tuple[float, float, int]:
+    """Do as `passed_command`, but with the first of `commands`, float64[N, 2], that passes unchanged, if one does.
+
+    Whoever gives several commands has weighed contacts. So if `robot.strict` is false, only walls count then; what was done is
+    LEAST_HARM if the command would not pass among the obstacles.
+    """
+    if len(commands) == 1:
+        return passed_command(state, commands[0, 0], commands[0, 1], tracks, robot, lookahead)
+    counted, ahead = (tracks, lookahead) if robot.strict else (tracks[:0], 0.0)
+    i = _first_certified(state, commands, counted, robot)
+    one, two, did = passed_command(state, commands[i, 0], commands[i, 1], counted, robot, ahead)
+    if did == FREE and not robot.strict and not stop_for(situation_of(state, robot, tracks), one, two):
+        did = LEAST_HARM
+    return one, two, did
 
 
 @bare_kernel
