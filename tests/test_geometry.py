@@ -10,6 +10,7 @@ import pytest
 from antway import Grid
 from antway.kernels.base import geometry
 from antway.kernels.base.records import Trajectories
+from antway.world.terrain import terrain_of
 from common import cases
 from naive.geometry import hits_cells, sampled_discs, sampled_square, sampled_timeline
 
@@ -128,6 +129,26 @@ def test_segment_hits_cells_against_samples(walled):
         least = hits_cells(blocked, a, b, radius, walled)
         if abs(least - radius) > math.dist(a, b) / 1_999 / 2 + 2e-9:  # what the samples can tell
             assert geometry.segment_hits_cells(blocked, *a, *b, radius, walled) == (least < radius)
+
+
+def test_what_leads_clear_of_walls():
+    """From free space that is a way without contact; from a wall, one on which no cell gets nearer than it was at first."""
+    rng, led = np.random.default_rng(7), 0
+    for _ in range(cases(700, 30_000)):
+        blocked = rng.random(rng.integers(1, 8, 2)) < 0.25
+        a, b = rng.uniform((0.0, 0.0), blocked.shape, (2, 2))
+        radius = rng.uniform(0.01, 1.0)
+        leads = geometry.leads_clear(terrain_of(Grid(blocked, 1.0)), a[1], a[0], b[1], b[0], radius)
+        start, least = (hits_cells(blocked, a - 0.5, end - 0.5, radius, True) for end in (a, b))
+        resolved = math.dist(a, b) / 1_999 / 2 + 2e-9
+        if start >= radius + resolved and abs(least - radius) > resolved:
+            assert leads == (least > radius)
+        elif 0.0 < start < radius - resolved and leads:
+            led += 1
+            assert least >= start - resolved
+    assert led > cases(700, 30_000) / 100
+    wall = terrain_of(Grid(np.arange(6)[:, None] < np.full(6, 2), 1.0))
+    assert geometry.leads_clear(wall, 3.0, 2.8, 3.0, 4.0, 0.9) and not geometry.leads_clear(wall, 3.0, 2.8, 3.0, 2.7, 0.9)
 
 
 def test_exact_touching_of_cells():

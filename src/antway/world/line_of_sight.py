@@ -8,8 +8,10 @@ import numpy as np
 
 from antway.errors import CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid
-from antway.kernels.base.geometry import segment_hits_cells
+from antway.kernels.base.geometry import leads_clear, segment_hits_cells
+from antway.kernels.robot.brake import DEEPEST
 from antway.world.policy import XY, Task
+from antway.world.terrain import terrain_of
 
 
 def passes(grid: Grid, a: XY, b: XY, radius: float) -> bool:
@@ -38,12 +40,21 @@ def _gap_to_wall(grid: Grid, xy: XY) -> float:
     return max(min(float(edges), float(np.hypot(*away.T).min(initial=math.inf))), 0.0) * grid.resolution
 
 
-def nearest_free(task: Task, inflated: Grid, xy: XY, cells: int, radius: float | None = None) -> Cell | None:
+def leads_out(task: Task, a: XY, b: XY, radius: float) -> bool:
+    """Do as `clear`, but the disc may also be in a wall at `a`, no deeper than a share of its radius, and get out of it."""
+    return clear(task, a, a, (1.0 - DEEPEST) * radius) and leads_clear(terrain_of(task.grid), *a, *b, radius)
+
+
+def nearest_free(
+    task: Task, inflated: Grid, xy: XY, cells: int, radius: float | None = None, *, in_wall: bool = False
+) -> Cell | None:
     """Return the cell from which a path from `xy` starts, None if there is none.
 
     It is the nearest free cell of `inflated` at most `cells` rows and columns from that of `xy` whose centre can be reached in
-    a straight line, by the robot or by a disc of `radius` m.
+    a straight line, by the robot or by a disc of `radius` m. If `in_wall`, that disc may be in a wall at `xy` (`leads_out`).
     """
+    radius = task.robot.radius if radius is None else radius
+    reaches = leads_out if in_wall else clear
     try:
         row, col = inflated.cell_at(xy)
     except OutOfBounds:
@@ -51,7 +62,7 @@ def nearest_free(task: Task, inflated: Grid, xy: XY, cells: int, radius: float |
     span = range(-cells, cells + 1)
     free = [(row + i, col + j) for i in span for j in span if inflated.is_free((row + i, col + j))]
     free.sort(key=lambda cell: (math.dist(inflated.centre(cell), xy), cell))
-    return next((cell for cell in free if clear(task, xy, inflated.centre(cell), radius)), None)
+    return next((cell for cell in free if reaches(task, xy, inflated.centre(cell), radius)), None)
 
 
 def goal_of_cells(task: Task) -> XY:

@@ -227,6 +227,18 @@ def hits_walls(terrain: Terrain, ax: float, ay: float, bx: float, by: float, rad
 
 
 @kernel
+def leads_clear(terrain: Terrain, ax: float, ay: float, bx: float, by: float, radius: float) -> bool:
+    """Tell whether a disc in m meets no wall on the way from (ax, ay) to (bx, by).
+
+    Where it is in a wall at (ax, ay), because its place or the map is wrong, the way must lead out of that wall.
+    """
+    if not hits_walls(terrain, ax, ay, bx, by, radius, True):
+        return True
+    in_wall = hits_walls(terrain, ax, ay, ax, ay, radius, True)
+    return in_wall and wall_ahead(terrain, ax, ay, bx - ax, by - ay, radius)[0] > 1.0
+
+
+@kernel
 def wrap(angle: float) -> float:
     """Return `angle` in rad as the same direction within [-pi, pi]."""
     return angle - 2.0 * math.pi * round(angle / (2.0 * math.pi))

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import inner_kernel
+from antway.kernels.base.jit import inner_kernel, kernel
+from antway.kernels.base.records import RobotState
 from antway.kernels.controls.motion import MotionState
 from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, StaticField
 
@@ -85,6 +86,13 @@ def clearance(field: StaticField, at: MotionState, enough: float) -> float:
         x, y = at.x + at.cos * dx - at.sin * dy, at.y + at.sin * dx + at.cos * dy
         least = min(least, sample(field.wall, x, y, field.wall_frame) + field.discs[i, 2])
     return max(wall, least)
+
+
+@kernel
+def depth_in_wall(field: StaticField, state: RobotState) -> float:
+    """Return how deep the robot is in a wall, because its place or the map is wrong, m; 0 if it is in none."""
+    at = MotionState(state.x, state.y, math.cos(state.theta), math.sin(state.theta), state.a, state.b)
+    return max(-clearance(field, at, 0.0), 0.0)
 
 
 @inner_kernel

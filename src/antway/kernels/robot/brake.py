@@ -37,6 +37,8 @@ TURN, CYCLES, SIDE = range(3)  # entries of the guard's state: turn rate of the 
 STRAIGHT = 0.01  # rad/s; a smaller turn rate counts as none
 _SLACK = 0.01  # m; obstacles beyond the farthest place of a manoeuvre by more than this are left out
 _CLOSE = 1e-12  # m; a smaller gap is a contact
+_IN_WALL = 1e-3  # m; a body that is deeper in a wall than this is so because its place or the map is wrong
+DEEPEST = 0.3  # 1; it may get out again if it is no deeper than this share of its radius
 _LEAST = 1e-9  # s; the shortest step of conservative advancement
 _APART, _RINGS = 0.05, 8  # m, 1; distance and number of rings of places at which a body is tried
 _HEADINGS = 72  # number of headings in which it is tried
@@ -60,7 +62,7 @@ class Situation(NamedTuple):
 
     state: RobotState  # of the robot when the command begins to act, one latency from now
     robot: Robot
-    margin: float  # m; distance kept from walls: `robot.margin`, or less where the robot starts nearer to a wall
+    margin: float  # m; distance kept from walls: `robot.margin`, or what is left of it; below 0 as deep as the robot is in one
     near: NDArray[np.float64]  # float64[N, 8]; the obstacles that are near enough to matter, as in kernels/robot/reach.py
 
 
@@ -181,11 +183,16 @@ def _nearby(state: RobotState, robot: Robot, tracks: NDArray[np.float64]) -> int
 
 @bare_kernel
 def _margin_left(state: RobotState, robot: Robot) -> float:
-    """Return the distance to walls that a robot at rest has, within [0, `robot.margin`], m."""
+    """Return the distance to walls that a robot at rest has, within [0, `robot.margin`], m.
+
+    Below 0 it is how deep the robot is in a wall on the map: it may move on, but get no deeper.
+    """
     if free_distance(robot.walls, state.x, state.y) >= robot.body.radius + robot.margin:
         return robot.margin
-    low, high = 0.0, robot.margin
-    for _ in range(6):
+    low, high, halvings = 0.0, robot.margin, 6
+    if not _clear_of_walls(state, enlarged(robot.body, -_IN_WALL), robot.walls):
+        low, high, halvings = -DEEPEST * robot.body.radius, -_IN_WALL, 20
+    for _ in range(halvings):
         middle = 0.5 * (low + high)
         if _clear_of_walls(state, enlarged(robot.body, middle), robot.walls):
             low = middle

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import TOUCH, hits_walls, swept_discs, wall_ahead, wrap
+from antway.kernels.base.geometry import TOUCH, leads_clear, swept_discs, wall_ahead, wrap
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import DIFFERENTIAL, RobotLimits, RobotState, Terrain
 from antway.kernels.base.rows import copy_row
@@ -171,7 +171,7 @@ def brakes_free(x: float, y: float, wx: float, wy: float, tracks: NDArray[np.flo
         y += uy * speed * dt
         t += dt
         speed -= limits.a_max * dt
-    return not hits_walls(rules.terrain, start_x, start_y, x, y, limits.radius, True)
+    return leads_clear(rules.terrain, start_x, start_y, x, y, limits.radius)
 
 
 @kernel

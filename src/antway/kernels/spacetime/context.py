@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import segment_hits_cells
+from antway.kernels.base.geometry import hits_walls, leads_clear
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.spacetime.segments import TOUCH, unsafe_stay
@@ -34,6 +34,7 @@ class PlanningContext(NamedTuple):
     radius: float  # m
     speed: float  # m/s
     goal: int  # flat cell
+    leaves_walls: bool  # whether a path may begin in a wall, because the robot's place is wrong, and lead out of it
 
 
 @bare_kernel
@@ -54,12 +55,9 @@ def block_around(context: PlanningContext, x: float, y: float, cells: int) -> tu
 @bare_kernel
 def clear(context: PlanningContext, ax: float, ay: float, bx: float, by: float) -> bool:
     """Tell whether the robot can go straight from (ax, ay) to (bx, by) without contact with a wall."""
-    terrain = context.terrain
-    s = terrain.resolution
-    x0, y0 = terrain.x0 + 0.5 * s, terrain.y0 + 0.5 * s
-    return not segment_hits_cells(
-        terrain.blocked, (ay - y0) / s, (ax - x0) / s, (by - y0) / s, (bx - x0) / s, context.radius / s, True
-    )
+    if context.leaves_walls:
+        return leads_clear(context.terrain, ax, ay, bx, by, context.radius)
+    return not hits_walls(context.terrain, ax, ay, bx, by, context.radius, True)
 
 
 @bare_kernel

@@ -14,6 +14,7 @@ from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import make_state
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
 from antway.kernels.controls.lattice import DOWNHILL, Lattice
+from antway.kernels.controls.lookup import depth_in_wall
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead, spread_plan
 from antway.kernels.controls.path import same_path
@@ -36,6 +37,7 @@ _DODGE = 2.0  # 1; factor on the robot's acceleration away from obstacles that t
 _SPREADS = 2.0  # 1; beyond the margin to walls, room is kept for this many standard deviations of the robot's place
 _HIGHEST = {"horizon": 100.0, "block": 100.0, "exploration": 1.0}  # values of these `ControlOptions`
 _STAND = 0.3  # 1; a robot stands unless moving is better by this share of what falling behind the plan costs in a period
+_DEEPER = 1e-3  # m; a robot whose place is in a wall gets no deeper in it than this
 _STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
@@ -342,7 +344,9 @@ class ControlColony:
         if to_go < self.nearest - self.robot.dt or there:
             self.nearest, self.since = to_go, now
         caution = 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0)
-        return weights._replace(risk=weights.risk * caution, turn_risk=turn_rate * weights.turn_risk, ramps=float(has_plan))
+        weights = weights._replace(risk=weights.risk * caution, turn_risk=turn_rate * weights.turn_risk, ramps=float(has_plan))
+        depth = call(depth_in_wall, field, state)
+        return weights if depth == 0.0 else weights._replace(wall_margin=-depth - _DEEPER)
 
     def others(self) -> NDArray[np.float64]:
         """Return the first commands of all sequences in the archive but the best, in the order of cost, float64[N, 2]."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway.errors import CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.jit import call
-from antway.kernels.robot.brake import fits_near
+from antway.kernels.robot.brake import DEEPEST, fits_near
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.moves import move_mask
 from antway.planning import standing_cell
@@ -101,16 +101,20 @@ def planning_context(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, C
 
 
 def _end_cell(task: Task, inflated: Grid, radius: float, name: str, xy: XY) -> Cell | None:
-    """Return the cell of `xy` if it is free, or else the nearest free one to which the robot can drive straight, or None."""
+    """Return the cell of `xy` if it is free, or else the nearest free one to which the robot can drive straight, or None.
+
+    At the start the robot's place may be in a wall, because the map or its localisation is wrong by some centimetres.
+    """
     try:
         cell = inflated.cell_at(xy)
     except OutOfBounds as error:
         raise error.at("", name) from None
     if inflated.is_free(cell):
         return cell
-    inscribed = task.robot.inscribed
-    cells = min(2 + math.ceil((radius - inscribed) / inflated.resolution), _FAR_CELLS)
-    return nearest_free(task, inflated, xy, cells, inscribed)
+    inscribed, at_start = task.robot.inscribed, name == "start"
+    least = (1.0 - DEEPEST) * inscribed if at_start else inscribed
+    cells = min(2 + math.ceil((radius - least) / inflated.resolution), _FAR_CELLS)
+    return nearest_free(task, inflated, xy, cells, inscribed, in_wall=at_start)
 
 
 def with_fine_cells(task: Task) -> Task:
@@ -217,6 +221,7 @@ def make_context(
         radius=robot.radius,
         speed=robot.v_max,
         goal=node[0] * cols + node[1],
+        leaves_walls=robot.stepwise,  # the colony in the space of controls gets other robots out
     )
 
 
