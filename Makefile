@@ -47,13 +47,14 @@ check: $(READY)
 	$(BIN)/lint-imports
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 
-# Kernels that are compiled before the tests are compiled once, not by each of two processes that need them.
-warm: $(READY)
-	@$(BIN)/antway warmup
+# Kernels that are compiled before the tests are compiled once, not by each of two processes that need them. They are compiled
+# from src, because the development tools, which are installed meanwhile, replace the installed package for a moment.
+warm: $(CORE)
+	@PYTHONPATH=src $(BIN)/python -m antway warmup
 
 # What is installed for the tests is installed side by side, and what is checked runs beside the tests, which often wait.
 test:
-	@$(MAKE) --no-print-directory -j3 warm browser ros
+	@$(MAKE) --no-print-directory -j4 warm browser ros $(READY)
 	@$(MAKE) --no-print-directory -j2 check tests
 
 # Many tests start processes; each of them compiles the sources anew where an environment says that bytecode is not written.

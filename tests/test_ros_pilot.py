@@ -113,6 +113,11 @@ def test_paths_and_their_failures():
     assert caught.value.code == nav2.PLAN_TIMEOUT
     near = nav2.find_path(grid, room, [free, wall], 0.2, "jps", 600.0, tolerance=1.0)[-1]
     assert room.is_free(room.cell_at(near)) and math.dist(near, wall) <= 1.0
+    room, beside = grid.inflate(0.3), (1.1, 0.29)  # the robot's disc overlaps the edge of the map by 1 cm there
+    first = nav2.find_path(grid, room, [beside, stops[1]], 0.3, "jps", 600.0)[0]
+    assert not room.is_free(room.cell_at(beside)) and first.tolist() == [1.25, 0.75]
+    with pytest.raises(nav2.Failure, match="start"):
+        nav2.find_path(grid, room, [(1.1, 0.2), stops[1]], 0.3, "jps", 600.0)
     codes = [getattr(nav2, name) for name in dir(nav2) if name.isupper() and isinstance(getattr(nav2, name), int)]
     assert len(codes) == len(set(codes)) and set(nav2.ENDS) == set(End)
 

@@ -231,7 +231,7 @@ class DStarLite(Follow):
 
     def _cell(self, xy: XY) -> Cell | None:
         """Return the nearest free cell that can be reached in a straight line."""
-        return nearest_free(self.task, self.inflated, xy, cells=2)
+        return nearest_free(self.task.grid, self.inflated, xy, 2, self.task.robot.radius)
 
 
 def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from antway.grid import Cell, Grid
 from antway.planning import Problem, Status, solve, standing_cell
 from antway.ros2.messages import load, make
 from antway.ros2.pilot import End
+from antway.world.line_of_sight import start_cell
 from antway.world.policy import XY
 
 T = TypeVar("T")
@@ -124,7 +126,7 @@ def find_path(
     """Return the cell centres, float64[N, 2] in m, of the shortest path through `stops`, planned within `limit` s.
 
     `inflated` is `grid` inflated by the robot's `radius`. If the robot cannot stand at the last stop, the path leads to the
-    nearest possible place within `tolerance` m.
+    nearest possible place within `tolerance` m. The first stop may be in a wall by some centimetres (`start_cell`).
 
     Raises
     ------
@@ -137,6 +139,8 @@ def find_path(
             cells.append(standing_cell("goal" if i else "start", xy, grid, inflated, radius))
         except BadInput as wrong:
             near = _nearest(inflated, xy, tolerance) if i == len(stops) - 1 else None
+            if i == 0:
+                near = start_cell(grid, inflated, xy, math.ceil(radius / grid.resolution) + 1, radius)
             if near is None:
                 outside, occupied = (GOAL_OUTSIDE_MAP, GOAL_OCCUPIED) if i else (START_OUTSIDE_MAP, START_OCCUPIED)
                 raise Failure(outside if isinstance(wrong, OutOfBounds) else occupied, str(wrong)) from None

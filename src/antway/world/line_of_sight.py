@@ -8,10 +8,9 @@ import numpy as np
 
 from antway.errors import CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid
-from antway.kernels.base.geometry import leads_clear, segment_hits_cells
+from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.robot.brake import DEEPEST
 from antway.world.policy import XY, Task
-from antway.world.terrain import terrain_of
 
 
 def passes(grid: Grid, a: XY, b: XY, radius: float) -> bool:
@@ -40,21 +39,12 @@ def _gap_to_wall(grid: Grid, xy: XY) -> float:
     return max(min(float(edges), float(np.hypot(*away.T).min(initial=math.inf))), 0.0) * grid.resolution
 
 
-def leads_out(task: Task, a: XY, b: XY, radius: float) -> bool:
-    """Do as `clear`, but the disc may also be in a wall at `a`, no deeper than a share of its radius, and get out of it."""
-    return clear(task, a, a, (1.0 - DEEPEST) * radius) and leads_clear(terrain_of(task.grid), *a, *b, radius)
-
-
-def nearest_free(
-    task: Task, inflated: Grid, xy: XY, cells: int, radius: float | None = None, *, in_wall: bool = False
-) -> Cell | None:
+def nearest_free(grid: Grid, inflated: Grid, xy: XY, cells: int, radius: float) -> Cell | None:
     """Return the cell from which a path from `xy` starts, None if there is none.
 
-    It is the nearest free cell of `inflated` at most `cells` rows and columns from that of `xy` whose centre can be reached in
-    a straight line, by the robot or by a disc of `radius` m. If `in_wall`, that disc may be in a wall at `xy` (`leads_out`).
+    It is the nearest free cell of `inflated` at most `cells` rows and columns from that of `xy` to whose centre a disc of
+    `radius` m can move straight among the walls of `grid`.
     """
-    radius = task.robot.radius if radius is None else radius
-    reaches = leads_out if in_wall else clear
     try:
         row, col = inflated.cell_at(xy)
     except OutOfBounds:
@@ -62,7 +52,13 @@ def nearest_free(
     span = range(-cells, cells + 1)
     free = [(row + i, col + j) for i in span for j in span if inflated.is_free((row + i, col + j))]
     free.sort(key=lambda cell: (math.dist(inflated.centre(cell), xy), cell))
-    return next((cell for cell in free if reaches(task, xy, inflated.centre(cell), radius)), None)
+    return next((cell for cell in free if passes(grid, xy, inflated.centre(cell), radius)), None)
+
+
+def start_cell(grid: Grid, inflated: Grid, xy: XY, cells: int, radius: float) -> Cell | None:
+    """Do as `nearest_free` for a place that may be in a wall by up to a share of `radius`, because it or the map is wrong."""
+    found = nearest_free(grid, inflated, xy, cells, radius)
+    return nearest_free(grid, inflated, xy, cells, (1.0 - DEEPEST) * radius) if found is None else found
 
 
 def goal_of_cells(task: Task) -> XY:
@@ -74,5 +70,5 @@ def goal_of_cells(task: Task) -> XY:
     if clear(task, centre, centre):
         return task.goal
     inflated = task.grid.inflate(task.robot.radius)
-    cell = nearest_free(task, inflated, task.goal, cells=2)
+    cell = nearest_free(task.grid, inflated, task.goal, 2, task.robot.radius)
     return task.goal if cell is None else inflated.centre(cell)

@@ -228,9 +228,9 @@ def hits_walls(terrain: Terrain, ax: float, ay: float, bx: float, by: float, rad
 
 @kernel
 def leads_clear(terrain: Terrain, ax: float, ay: float, bx: float, by: float, radius: float) -> bool:
-    """Tell whether a disc in m meets no wall on the way from (ax, ay) to (bx, by).
+    """Tell whether a disc of `radius` m can move straight from (ax, ay) to (bx, by) without contact with a wall.
 
-    Where it is in a wall at (ax, ay), because its place or the map is wrong, the way must lead out of that wall.
+    Where it is in a wall at (ax, ay), because its place or the map is wrong, the motion must lead out of that wall.
     """
     if not hits_walls(terrain, ax, ay, bx, by, radius, True):
         return True

@@ -16,7 +16,7 @@ from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.moves import move_mask
 from antway.planning import standing_cell
 from antway.search.sipp import timed_field, timed_moves
-from antway.world.line_of_sight import nearest_free
+from antway.world.line_of_sight import nearest_free, start_cell
 from antway.world.policy import XY, RobotSpec, Task
 from antway.world.terrain import body_of, terrain_of, walls_of
 
@@ -111,10 +111,10 @@ def _end_cell(task: Task, inflated: Grid, radius: float, name: str, xy: XY) -> C
         raise error.at("", name) from None
     if inflated.is_free(cell):
         return cell
-    inscribed, at_start = task.robot.inscribed, name == "start"
-    least = (1.0 - DEEPEST) * inscribed if at_start else inscribed
+    inscribed = task.robot.inscribed
+    least, find = ((1.0 - DEEPEST) * inscribed, start_cell) if name == "start" else (inscribed, nearest_free)
     cells = min(2 + math.ceil((radius - least) / inflated.resolution), _FAR_CELLS)
-    return nearest_free(task, inflated, xy, cells, inscribed, in_wall=at_start)
+    return find(task.grid, inflated, xy, cells, inscribed)
 
 
 def with_fine_cells(task: Task) -> Task:

@@ -73,7 +73,7 @@ class Routes:
 
     def cell(self, xy: XY) -> Cell | None:
         """Return the cell at which paths from `xy` start: the nearest free one that can be reached straight."""
-        return nearest_free(self.task, self.inflated, xy, cells=3)
+        return nearest_free(self.task.grid, self.inflated, xy, 3, self.task.robot.radius)
 
     def to_goal(self, xy: XY) -> Nodes:
         """Return the shortest path from `xy` to the goal (Step 2: Dijkstra); empty if there is none."""
