@@ -237,7 +237,7 @@ def test_who_says_nothing_or_too_much_is_hung_up_on(monkeypatch: pytest.MonkeyPa
 
 
 def cut_after(wire: socket.socket, drip: bytes) -> float:
-    """Send a byte of `drip` four times a second; returns after how many seconds the server has hung up."""
+    """Send a byte of `drip` ten times a second; returns after how many seconds the server has hung up."""
     started = time.perf_counter()
     wire.setblocking(False)
     while time.perf_counter() - started < 20.0:
