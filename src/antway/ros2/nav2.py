@@ -138,9 +138,11 @@ def find_path(
         try:
             cells.append(standing_cell("goal" if i else "start", xy, grid, inflated, radius))
         except BadInput as wrong:
-            near = _nearest(inflated, xy, tolerance) if i == len(stops) - 1 else None
+            near = None
             if i == 0:
                 near = start_cell(grid, inflated, xy, math.ceil(radius / grid.resolution) + 1, radius)
+            elif i == len(stops) - 1:
+                near = _nearest(inflated, xy, tolerance)
             if near is None:
                 outside, occupied = (GOAL_OUTSIDE_MAP, GOAL_OCCUPIED) if i else (START_OUTSIDE_MAP, START_OCCUPIED)
                 raise Failure(outside if isinstance(wrong, OutOfBounds) else occupied, str(wrong)) from None

@@ -19,9 +19,9 @@ def passes(grid: Grid, a: XY, b: XY, radius: float) -> bool:
     return not segment_hits_cells(grid.blocked, ar, ac, br, bc, radius / grid.resolution, True)
 
 
-def clear(task: Task, a: XY, b: XY, radius: float | None = None) -> bool:
-    """Tell whether the robot, or a disc of `radius` m, can drive straight from `a` to `b` without touching a wall."""
-    return passes(task.grid, a, b, task.robot.radius if radius is None else radius)
+def clear(task: Task, a: XY, b: XY) -> bool:
+    """Tell whether the robot can drive straight from `a` to `b` without touching a wall."""
+    return passes(task.grid, a, b, task.robot.radius)
 
 
 def check_clear(task: Task, name: str, xy: XY) -> None:

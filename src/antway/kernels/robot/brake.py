@@ -183,9 +183,9 @@ def _nearby(state: RobotState, robot: Robot, tracks: NDArray[np.float64]) -> int
 
 @bare_kernel
 def _margin_left(state: RobotState, robot: Robot) -> float:
-    """Return the distance to walls that a robot at rest has, within [0, `robot.margin`], m.
+    """Return the distance to walls that a robot at rest has, at most `robot.margin`, m.
 
-    Below 0 it is how deep the robot is in a wall on the map: it may move on, but get no deeper.
+    It is below 0 if the robot is in a wall on the map, and then says how deep: the robot may move on, but get no deeper.
     """
     if free_distance(robot.walls, state.x, state.y) >= robot.body.radius + robot.margin:
         return robot.margin
