@@ -52,16 +52,17 @@ check: $(READY)
 warm: $(CORE)
 	@PYTHONPATH=src $(BIN)/python -m antway warmup
 
-# What is installed for the tests is installed side by side, and what is checked runs beside the tests, which often wait.
+# What the tests need is installed and compiled side by side, and what is checked is checked beside that.
 test:
-	@$(MAKE) --no-print-directory -j4 warm browser ros $(READY)
-	@$(MAKE) --no-print-directory -j2 check tests
+	@$(MAKE) --no-print-directory -j4 warm browser ros check
+	@$(MAKE) --no-print-directory tests
 
 # Many tests start processes; each of them compiles the sources anew where an environment says that bytecode is not written.
 warm tests nightly: export PYTHONDONTWRITEBYTECODE :=
 
+# Three workers on two cores: many tests wait for processes, pages and sockets.
 tests: $(READY)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -rs
+	$(BIN)/python -m pytest -n 3 --dist loadfile -rs
 
 nightly: $(READY) browser ros
 	ANTWAY_TEST_SCALE=100 $(BIN)/python -m pytest -n 2 --dist loadfile -rs
