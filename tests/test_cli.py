@@ -155,6 +155,7 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("bench", "predict", "walk.csv", "--out", "there"), "out = 'there': must be left out with predict"),
     (("bench", "ants", "--policies", "sipp"), "policies = 'sipp': must be left out with ants"),
     (("bench", "ants", "--workers", "0"), "workers = 0: must be left out with ants"),
+    (("bench", "ants", "--export", "csv,json"), "export = 'csv,json': must be left out with ants"),
     (("bench", "paper", "--policies", "stop", "--engine", "steam"), "engine = 'steam'"),
     (("bench", "paper", "--policies", "stop", "--timeout", "nan"), "timeout = nan"),
     (("bench", "paper", "--policies", "stop", "--workers", "0"), "workers = 0"),

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from antway import BadInput, Grid, Moves, Plan, Problem, Status, TooLarge, World, check_plan
+from antway import BadInput, BadParameter, Grid, Moves, Plan, Problem, Status, TooLarge, World, check_plan
 from antway.ants.timed_front import LEVEL, TimedFront, exact_front, timed_front
 from antway.cli import app
 from antway.view.fronts import front_figure
@@ -189,6 +189,23 @@ def test_the_command_prints_and_draws_the_front(tmp_path, capsys: pytest.Capture
     assert app([*robot, "--robot", "jackal", "--json"], standalone_mode=False) in (0, None)
     driven = json.loads(capsys.readouterr().out)["front"]
     assert driven[0][0] < 0.6 * record["front"][0][0]
+
+
+def test_the_obstacles_have_to_be_on_the_same_map(tmp_path, capsys: pytest.CaptureFixture) -> None:
+    """A scenario on a map of another area is refused; one on other cells of the same area is not."""
+    (tmp_path / "hall.txt").write_text("........\n" * 6)
+    (tmp_path / "fine.txt").write_text("................\n" * 12)
+    (tmp_path / "long.txt").write_text("..........\n" * 6)
+    where = ["plan", str(tmp_path / "hall.txt"), "--start", "0.5,0.5", "--goal", "7.5,5.5", "--pareto", "--json"]
+    for name, resolution in (("hall", 1.0), ("fine", 0.5), ("long", 1.0)):
+        scenario = tmp_path / f"{name}.toml"
+        scenario.write_text(f'map = "{name}.txt"\nresolution = {resolution}\nstart = [0.5, 0.5]\ngoal = [7.5, 5.5]\n')
+        if name == "long":
+            with pytest.raises(BadParameter, match=r"obstacles = .*long.toml.*: must be a scenario on this map"):
+                app([*where, "--obstacles", str(scenario)], standalone_mode=False)
+        else:
+            assert app([*where, "--obstacles", str(scenario)], standalone_mode=False) in (0, None)
+            assert json.loads(capsys.readouterr().out)["front"]
 
 
 def test_the_command_gives_a_long_way_its_time(tmp_path, capsys: pytest.CaptureFixture) -> None:

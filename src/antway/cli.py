@@ -248,6 +248,7 @@ def demo_command(
 
 @app.command("bench")
 def bench_command(
+    context: typer.Context,
     suite: Annotated[
         str,
         typer.Argument(
@@ -280,15 +281,12 @@ def bench_command(
     from dataclasses import asdict
     from importlib.util import find_spec
 
-    unused: dict[str, object] = {"policies": policies != "antway,oracle" and policies, "robot": robot, "workers": workers}
-    unused |= {"engine": engine != "local" and engine, "timeout": timeout != 120.0 and timeout}
-    unused |= {"export": tables != "csv,json" and tables}
     if suite == "predict":
-        commands.refuse_unused(suite, unused | {"episodes": episodes, "out": out != Path("bench") and str(out)})
+        commands.refuse_unused(context, "suite", "file", "json")
     if suite == "predict" or file is not None:
         return commands.predict(suite, file, json)
     if suite == "ants":
-        commands.refuse_unused(suite, unused)
+        commands.refuse_unused(context, "suite", "episodes", "out", "json")
         return commands.compare_ants(10 if episodes is None else episodes, out, json)
     from antway import checks
     from antway.arena import engines

@@ -254,6 +254,11 @@ def plan_front(
 
     with working("searching the front"):
         scenario = None if obstacles is None else load_scenario(obstacles)
+        if scenario is not None:
+            # The scenario's map may have other cells, and a turned map is up to a cell larger than before.
+            apart = float(abs(grid.bounds() - scenario.world.grid.bounds()).max())
+            if apart > 1.5 * max(grid.resolution, scenario.world.grid.resolution):
+                raise BadParameter("obstacles", obstacles, "a scenario on this map, or on one of the same area")
         line = None if scenario is None else scenario.world.timeline(seed, scenario.horizon)
         speed = v_max or (1.0 if scenario is None else scenario.robot.v_max)
         away = float(distance_field(problem.grid, problem.goal, problem.moves)[problem.start])
@@ -343,11 +348,13 @@ def compare_ants(runs: int, out: Path, json: bool) -> int:
     return 0
 
 
-def refuse_unused(suite: str, given: dict[str, object]) -> None:
-    """Refuse options of `antway bench` that are `given`, neither None nor False, and that `suite` does not use."""
-    for name, value in given.items():
-        if value is not None and value is not False:
-            raise BadParameter(name, value, f"left out with {suite}, which does not use it")
+def refuse_unused(context: typer.Context, *used: str) -> None:
+    """Refuse options of `antway bench` that are given, on the command line or elsewhere, and that its suite does not use."""
+    for option in context.command.params:
+        source, value = context.get_parameter_source(str(option.name)), context.params[str(option.name)]
+        if option.name not in used and source is not None and source.name != "DEFAULT":
+            allowed = f"left out with {context.params['suite']}, which does not use it"
+            raise BadParameter(option.opts[0].lstrip("-"), str(value) if isinstance(value, Path) else value, allowed)
 
 
 def predict(suite: str, file: Path | None, json: bool) -> int:

@@ -214,6 +214,18 @@ class Grid:
             raise OutOfBounds("xy", (x, y), f"on the map of {cols} x {rows} cells of {self.resolution:g} m at {self.origin}")
         return int(row), int(col)
 
+    def bounds(self) -> NDArray[np.float64]:
+        """Return the least and the greatest (x, y) of the map, float64[2, 2], m.
+
+        Examples
+        --------
+        >>> Grid(np.zeros((3, 4)), resolution=0.5, origin=(1.0, 0.0, 0.0)).bounds().tolist()
+        [[1.0, 0.0], [3.0, 1.5]]
+        """
+        rows, cols = self.shape
+        corners = self.to_xy([(row - 0.5, col - 0.5) for row in (0, rows) for col in (0, cols)])
+        return np.array((corners.min(axis=0), corners.max(axis=0)))
+
     def turned(self) -> Grid:
         """Return the map with cells along the axes of the world, which episodes need; it matters only if the yaw is not 0.
 
@@ -228,9 +240,7 @@ class Grid:
         yaw = math.remainder(self.origin[2], 2.0 * math.pi)
         if yaw == 0.0:
             return self if self.origin[2] == 0.0 else replace(self, origin=(*self.origin[:2], 0.0))
-        (rows, cols), size, slack = self.shape, self.resolution, 1e-9
-        edges = self.to_xy([(-0.5, -0.5), (-0.5, cols - 0.5), (rows - 0.5, -0.5), (rows - 0.5, cols - 0.5)])
-        low, high = edges.min(axis=0), edges.max(axis=0)
+        (low, high), size, slack = self.bounds(), self.resolution, 1e-9
         width, height = (max(1, math.ceil(span / size - slack)) for span in (high - low).tolist())
         here = Grid(np.zeros((height, width), np.bool_), size, (float(low[0]), float(low[1]), 0.0))
         centres = self.to_points(here.to_xy(np.argwhere(~here.blocked)))
@@ -246,7 +256,7 @@ class Grid:
                 r, c = (cells - centres).T
                 overlap = (np.abs(r) < limit) & (np.abs(c) < limit)
                 overlap &= (np.abs(cos * r + sin * c) < limit) & (np.abs(cos * c - sin * r) < limit)
-                at = np.clip(cells + 2, 0, (rows + 3, cols + 3))
+                at = np.clip(cells + 2, 0, np.array(self.shape) + 3)
                 blocked |= overlap & known[at[:, 0], at[:, 1]]
                 unknown |= overlap & dark[at[:, 0], at[:, 1]]
         blocked, unknown = (blocked | unknown).reshape(here.shape), (unknown & ~blocked).reshape(here.shape)
