@@ -223,6 +223,18 @@ def test_a_robot_in_the_way_steps_aside() -> None:
         assert passed.velocity[0] < -0.9 if corridor else abs(passed.velocity[1]) > 0.3
 
 
+@pytest.mark.parametrize("a_max", [math.inf, 1.0])
+def test_what_has_to_be_finite_is_what_the_robot_follows(a_max: float) -> None:
+    """A robot without wheels follows the velocity, whatever twist comes with it."""
+    guard = Guard(mode="strict")
+    guard.reset(Task(Grid(HALL, SIZE), RobotSpec(a_max=a_max), (1.0, 1.0), (9.0, 9.0)))
+    o = Observation(0.0, (5.0, 5.0), (0.0, 0.0), 0.0, Tracks.none())
+    stop = guard.limit(o, Command((math.nan, 0.0), twist=(0.1, 0.0)))
+    assert guard.did == "braked" and stop.velocity == (0.0, 0.0)
+    passed = guard.limit(o, Command((0.5, 0.0), twist=(math.nan, 0.0)))
+    assert guard.did == "free" and passed.velocity == (0.5, 0.0)
+
+
 def test_stale_future_and_reversed_stamps_stop_the_robot() -> None:
     """A scan that is too old, from the future, or older than the last one means stop."""
     guard = Guard()

@@ -61,6 +61,11 @@ def test_the_answer_is_the_guards(process: GuardProcess) -> None:
     link, here = Link(process.folder, "planner"), Guard(mode="strict")
     here.reset(TASK)
     wishes = [Command((1.0, 0.0)), Command((0.3, 0.4)), Command((5.0, 0.0)), None, Command((float("nan"), 0.0))]
+    wishes += [
+        Command((0.3, 0.4), (0.5, 0.0)),
+        Command((0.3, 0.4), (float("nan"), 0.0)),
+        Command((float("nan"), 0.0), (0.5, 0.0)),
+    ]
     for k, wish in enumerate(wishes):
         o = seen(PERIOD * k, (5.9, 5.0), (5.0, 7.0))
         number = process.observe(o)

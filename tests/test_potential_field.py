@@ -114,6 +114,21 @@ def test_it_gives_way_to_what_comes_and_not_to_what_goes() -> None:
     assert leader.reached and np.abs(leader.trace.xy[:, 1] - 3.1).max() < 1e-9
 
 
+@pytest.mark.parametrize("dt", [0.1, 0.5])
+def test_a_robot_that_brakes_weakly_stops_before_walls(dt: float) -> None:
+    """It accelerates four times as fast as it brakes, and asks for full speed towards a wall."""
+    robot = RobotSpec(a_max=2.0, brake_max=0.5, dt=dt)
+    task = replace(trap(), robot=robot).task
+    x, v, end = 6.5, 0.0, 9.6 - robot.radius
+    for _ in range(100):
+        asked = short_of_walls(task, Observation(0.0, (x, 6.1), (v, 0.0), 0.0, Tracks.none()), robot.v_max, 0.0).velocity[0]
+        for _ in range(100):  # the speed ramps to what is asked
+            v += min(max(asked - v, -robot.brake_max * dt / 100), robot.a_max * dt / 100)
+            x += v * dt / 100
+        assert x <= end
+    assert x > end - 0.2
+
+
 def test_steps_end_at_walls() -> None:
     """A command never leads into a wall, with inertia neither, and is untouched where nothing is in the way."""
     rng = np.random.default_rng(2)

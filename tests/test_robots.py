@@ -246,6 +246,7 @@ def test_traces_of_old_are_of_steps() -> None:
         {"latency": math.inf},
         {"dynamics": "leaps"},
         {"dynamics": "steps", "latency": 0.1},
+        {"dynamics": "steps", "a_max": 0.25, "brake_max": 16.0},
         {"footprint": [(0, 0), (1, 0)]},
         {"footprint": [(0, 0), (1, 1), (1, 0), (0, 1)]},
         {"footprint": [(0, 0), (2, 0), (0.4, 0.4), (0, 2)]},

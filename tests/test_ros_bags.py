@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,7 +31,8 @@ def check_against(trace, messages, counts, start):
     assert (chart.info.width, chart.info.height) == grid.shape[::-1]
     assert (np.asarray(chart.data).reshape(grid.shape) == 100 * grid.blocked).all()
     for i, message in enumerate(messages["/odom"]):
-        t, xy, velocity, heading, _ = read_odometry(message)
+        t, xy, velocity, heading, turn_rate = read_odometry(message)
+        assert turn_rate == trace.turn_rate[i]
         assert abs(t - start - trace.t[i]) < 2e-9 and xy == tuple(trace.xy[i])
         np.testing.assert_allclose(velocity, trace.velocity[i], rtol=0, atol=1e-14)
         assert math.isclose(heading, trace.heading[i], rel_tol=1e-14, abs_tol=1e-15)
@@ -47,6 +49,7 @@ def check_against(trace, messages, counts, start):
 def test_rosbags_reads_what_was_written(tmp_path, storage):
     """rosbags' own reader finds every message of a trace, with its values, in either storage."""
     trace, start = sample_trace(steps=60), 1_700_000_000.0
+    trace = replace(trace, turn_rate=np.random.default_rng(5).uniform(-2.0, 2.0, len(trace.t)))
     counts = save_bag(trace, tmp_path / "bag", storage=storage, start=start)
     messages = {topic: [] for topic in counts}
     with AnyReader([tmp_path / "bag"]) as reader:

@@ -343,9 +343,10 @@ def test_a_file_of_stops_is_read(tmp_path) -> None:
         ("x,y\n1,abc\n", r"stops.csv:2: y = 'abc'"),
         ("x,y\n1,nan\n", r"stops.csv:2: y = nan"),
         ("x,y,earliest,latest\n1,2,9,8\n", r"stops.csv:2: latest = 8.0"),
-        ("x,y,x\n1,2,3\n", "there once"),
+        ("x,y,x\n1,2,3\n", "given once"),
         ("x,y\n", "one stop or more"),
         ('x,y\n"1,2\n', "comma-separated"),
+        ('x,y,name\n1,2,"a\nb"\n3,abc,c\n', r"stops.csv:4: y = 'abc'"),
     ],
 )
 def test_a_wrong_file_of_stops_says_where(tmp_path, text: str, words: str) -> None:

@@ -138,6 +138,34 @@ def test_damage_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("alternatives", 5),
+        ("alternatives", [["wait", 1.0, 2.0]]),
+        ("pheromone", {"0": 1}),
+        ("origin", 5),
+        ("rounds.stops[0].at[1]", {"at": [1.0, "a"], "name": "desk", "window": [0.0, None], "service": 0.0}),
+        ("rounds.stops[0].name", {"at": [1.0, 2.0], "name": 5, "window": [0.0, None], "service": 0.0}),
+    ],
+)
+def test_wrong_lists_are_named(tmp_path: Path, name: str, value: object) -> None:
+    """A number in place of a list is not an empty list; a wrong stop is named with its table."""
+    path = tmp_path / "trace.json"
+    sample().save(path)
+    record = json.loads(path.read_text())
+    if name.startswith("rounds"):
+        record["rounds"] = {"stops": [value], "visits": [], "turns": []}
+    elif name == "origin":
+        record["task"]["grid"]["origin"] = value
+    else:
+        record["decisions"][-1][name] = value
+    path.write_text(json.dumps(record))
+    with pytest.raises(BadInput) as caught:
+        Trace.load(path)
+    assert name in str(caught.value) and str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
     ("key", "value"),
     [
         ("format", "other"),

@@ -178,7 +178,7 @@ def run_command(
 ) -> int:
     """Drive a robot through a scenario.
 
-    Column "longer than shortest": the way driven, plus what is left to the goal's centre, against the shortest path on the map.
+    Column "longer than shortest": the length driven and what is left to the goal's centre, against the shortest path.
 
     Exit status: 5 on a contact, 4 if time ran out, 1 if the policy raised an error.
     """

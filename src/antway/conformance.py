@@ -59,7 +59,7 @@ def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
         faults.append("global state: it changes the random state of NumPy or of Python")
     if len(first.cycle_ms) > 1 and first.cycle_ms[1:].max() > 1e3 * seconds:
         faults.append(f"time limit: a cycle took {first.cycle_ms[1:].max():.0f} ms, more than {1e3 * seconds:g} ms")
-    runs = {"reset: a second episode differs from the first": policy, "seeding: another instance does otherwise": make()}
+    runs = {"reset: a second episode differs from the first": policy, "seeding: another instance gives other commands": make()}
     for fault, player in runs.items():
         again = run(scenario, player, seed=1)
         assert first.trace is not None and again.trace is not None

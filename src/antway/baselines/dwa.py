@@ -116,7 +116,7 @@ class Dwa(Follow):
             free = np.where(clear, free, 0.0)
         if not admissible.any():
             best = int(np.argmax(free))
-            self.decide("brake", "no velocity is safe: contact is put off as long as can be")
+            self.decide("brake", "no velocity is safe: this one delays contact longest")
             if self.rolls and not clear.any():
                 commands[best] = 0.0, self.turning  # the stop that was found clear of walls with the last command
         else:

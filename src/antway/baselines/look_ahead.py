@@ -38,7 +38,7 @@ def short_of_walls(task: Task, o: Observation, vx: float, vy: float) -> Command:
         vx, vy, speed = vx * robot.v_max / speed, vy * robot.v_max / speed, robot.v_max
     if speed == 0.0:
         return Command((0.0, 0.0))
-    span = robot.dt + speed / (2 * robot.a_max)
+    span = robot.dt + speed / (2 * robot.braking)
     row, col = (o.xy[1] - y0) / size - 0.5, (o.xy[0] - x0) / size - 0.5
     share, _, _ = first_wall(task.grid.blocked, row, col, vy * span / size, vx * span / size, robot.radius / size)
     if share <= 1.0:

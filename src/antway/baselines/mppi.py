@@ -124,7 +124,7 @@ class Mppi(Follow):
         call(look_ahead, segments, sigma, o.t, robot.dt, start, self.bounds, self.margins, 0.0, outlook)
         self.nominal[:-1] = self.nominal[1:]
         call(path_integral, self.nominal, self.sampling, self.problem, self.random)
-        self.decide("follow", "the mean of what leads there best")
+        self.decide("follow", "the weighted mean of the sampled sequences")
         one, two = self.nominal[0].tolist()
         # Without wheels, vx and vy are limited apart, so both together can be too fast; rollouts and the robot slow them down.
         over = 1.0 if robot.wheels else max(math.hypot(one, two) / robot.v_max, 1.0)

@@ -39,14 +39,16 @@ class Oracle:
         """Plan the whole path."""
         self.task, robot = task, task.robot
         self.path = TimedPath(np.empty(0), np.empty((0, 2)))
-        self.decision = Decision("stuck", "no future has a path to the goal")
+        self.decision = Decision("stuck", "no path reaches the goal among the known motions")
         search = Sipp(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)
         for share in MARGINS:
             wide = self.timeline.radius + share * robot.v_max * robot.dt / 2
             plan = search.plan(task.start, replace(self.timeline, radius=wide))
             if math.isfinite(plan.arrival) and self._touches_nothing(plan.path):
                 self.path = plan.path
-                self.decision = Decision("follow", "the path that arrives first, every future known", path=plan.path, gap=0.0)
+                self.decision = Decision(
+                    "follow", "the path that arrives first among the known motions", path=plan.path, gap=0.0
+                )
                 return
 
     def act(self, observation: Observation) -> Command:

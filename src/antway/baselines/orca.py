@@ -97,7 +97,7 @@ class Orca(Follow):
         if math.dist((found.x, found.y), preferred) < 1e-3:
             self.decide("follow", "the preferred velocity is free")
         else:
-            self.decide("avoid", "the nearest velocity that avoids its half")
+            self.decide("avoid", "the nearest velocity that does the robot's half of the avoidance")
         return Command((float(found.x), float(found.y)))
 
     def _place(self, k: int, xy: XY, velocity: XY, radius: float, preferred: XY) -> None:

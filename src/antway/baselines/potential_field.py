@@ -105,7 +105,7 @@ class PotentialField(Follow):
         # -grad of eta/2 (1/d - 1/influence)^2 rho^2: the second part pulls to the goal, and is 0 where rho is constant.
         back = u / self.conic**2 if rho < self.conic else 0.0
         xy, velocity = now(o)
-        brake = min(self.brake, robot.a_max)
+        brake = min(self.brake, robot.braking)
         mx, my, obstacle = disc_force(x, y, vx, vy, robot.radius, brake, self.far, xy, velocity, o.tracks.radius)
         fx = pull * dx + self.wall * (held**2 * wx + back * gx) + self.moving * mx
         fy = pull * dy + self.wall * (held**2 * wy + back * gy) + self.moving * my

@@ -203,17 +203,14 @@ class Guard:
             self.why = f"the guard brakes until {self.last_stamp:.1f} s, because the clock went back"
         elif not -_EARLY <= o.t - stamp <= self.timeout:
             self.why = "the guard brakes, because there is no scan of now"
-        if (
-            self.why
-            or command is None
-            or not all(map(math.isfinite, command.velocity if command.twist is None else command.twist))
-        ):
+        acts = () if command is None else command.velocity if self.dynamic is None else command.acts(o, robot)
+        if self.why or command is None or not all(map(math.isfinite, acts)):
             self.did = DID[BRAKED]
             return _STOP if self.dynamic is None else self.dynamic.stop(o)
         self.last_stamp = stamp
         tracks = self._within_reach(o, stamp)
         if self.dynamic is not None:
-            asked = np.array([command.acts(o, robot)])
+            asked = np.array([acts])
             if others is not None:
                 asked = np.vstack((asked, others))
             passed, did = self.dynamic.passed(o, asked, tracks, self.lookahead)

@@ -8,7 +8,6 @@ the reader, because this takes time in every cycle of the planner.
 from __future__ import annotations
 
 import contextlib
-import math
 import mmap
 import os
 import select
@@ -34,15 +33,14 @@ _LAYOUT = np.dtype(
         ("tracks", "<f8", 6 * MAX_TRACKS),  # numbers, places, velocities and radii of n tracks, one after the other: `_arrays`
         ("covariance", "<f8", (MAX_TRACKS, 4, 4)),
         ("pending", "<f8", (_PENDING, 2)),
-        ("asked", "<f8", 5),
-        ("answer", "<f8", 8),
+        ("asked", "<f8", 7),
+        ("answer", "<f8", 9),
         ("rest", "<f8", (1,)),
     ]
 )
 _FIELDS: Any = _LAYOUT.fields
-SIZE, _TRACKS, _ASKED = _LAYOUT.itemsize, _FIELDS["tracks"][1], _FIELDS["asked"][1]  # bytes
+SIZE, _TRACKS = _LAYOUT.itemsize, _FIELDS["tracks"][1]  # bytes
 _READ = struct.Struct(f"<{_OBSERVATION}d").unpack_from
-_ASK = struct.Struct("<4d").pack_into
 _WHOLE, _REAL = np.dtype(np.int64), np.dtype(np.float64)
 
 
@@ -173,28 +171,38 @@ class Link:
     def ask(self, number: int, command: Command | None) -> None:
         """Write the command that the planner requests in answer to that observation."""
         view = self._cleared("asked")
-        one, two = (0.0, 0.0) if command is None else command.velocity if command.twist is None else command.twist
-        kind = 0.0 if command is None else 1.0 if command.twist is None else 2.0
-        _ASK(self.memory, _ASKED + 8, kind, one, two, number)
-        view[0] = number
+        view[1:-1] = _numbers(command)
+        view[-1] = view[0] = number
 
     def asked(self, number: int) -> tuple[bool, Command | None]:
         """Return whether the planner has answered that observation, and the requested command."""
-        first, kind, one, two, last = self.views["asked"].tolist()
+        first, *numbers, last = self.views["asked"].tolist()
         if not first == last == number:
             return False, None
-        return True, None if kind == 0.0 else Command((one, two)) if kind == 1.0 else Command(twist=(one, two))
+        return True, _command(*numbers) if numbers[0] else None
 
     def reply(self, number: int, command: Command, did: str) -> None:
         """Write the guard's answer."""
         view = self._cleared("answer")
-        v, omega = (math.nan, math.nan) if command.twist is None else command.twist
-        view[1:-1] = *command.velocity, v, omega, DID.index(did), time.monotonic()
+        view[1:-1] = *_numbers(command), DID.index(did), time.monotonic()
         view[-1] = view[0] = number
 
     def replied(self, number: int) -> Answer | None:
         """Return the guard's answer to that observation, if there is one."""
-        first, vx, vy, v, omega, did, _, last = self.views["answer"].tolist()
+        first, *numbers, did, _, last = self.views["answer"].tolist()
         if not first == last == number:
             return None
-        return Answer(number, Command((vx, vy), None if math.isnan(v) else (v, omega)), DID[int(did)])
+        return Answer(number, _command(*numbers), DID[int(did)])
+
+
+def _numbers(command: Command | None) -> tuple[float, ...]:
+    """Return a command in numbers; the first is 0 for None, 2 for a command with a twist, else 1."""
+    if command is None:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    vx, vy = command.velocity
+    return (1.0, vx, vy, 0.0, 0.0) if command.twist is None else (2.0, vx, vy, *command.twist)
+
+
+def _command(kind: float, vx: float, vy: float, v: float, omega: float) -> Command:
+    """Return the command of these numbers."""
+    return Command((vx, vy), (v, omega) if kind == 2.0 else None)

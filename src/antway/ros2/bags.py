@@ -114,6 +114,7 @@ def _messages(trace: Trace, start: float) -> Iterator[tuple[str, float, Any]]:
         (vx, vy), heading = trace.velocity[i].tolist(), float(trace.heading[i])
         header = convert.header_message(start + t, "map", make)
         turned = convert.twist_message(Command((vx, vy)), (0.0, 0.0), heading, RobotSpec(), make)
+        turned.angular.z = float(trace.turn_rate[i])
         x, y = trace.xy[i].tolist()
         pose = convert.pose_message(x, y, heading, make)
         yield (

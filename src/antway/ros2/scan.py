@@ -21,6 +21,8 @@ from antway.ros2.frames import Pose, move
 from antway.world.policy import XY, Tracks
 
 _ROUND = 0.03  # m; tolerance for points on a circle
+_NOISE = 0.05  # m; standard deviation of the places of tracks
+_AGILITY = 1.0  # m/s^2; expected acceleration of obstacles
 Discs = tuple[NDArray[np.float64], NDArray[np.float64]]  # centres, float64[N, 2] in m; radii, float64[N] in m
 
 
@@ -202,18 +204,9 @@ def _circle(cluster: NDArray[np.float64], largest: float) -> tuple[float, float,
 
 
 class Tracker:
-    """Adds missing names and velocities to tracks, by a Kalman filter for each (kernels/tracking/kalman.py).
+    """Adds missing names and velocities to tracks, by a Kalman filter for each (kernels/tracking/kalman.py)."""
 
-    Parameters
-    ----------
-    noise : float
-        Standard deviation of the places, m, > 0.
-    agility : float
-        Expected acceleration of obstacles, m/s^2, > 0.
-    """
-
-    def __init__(self, noise: float = 0.05, agility: float = 1.0) -> None:
-        self.noise, self.agility = noise, agility
+    def __init__(self) -> None:
         self.table, self.estimates = make_table(MOST_ROWS, kalman.COLUMNS, NAME), np.zeros((MOST_ROWS, 8))
         self.next_name, self.t = 0, -math.inf
 
@@ -232,10 +225,10 @@ class Tracker:
             self.table.used[0] = 0
         self.t = t
         seen, self.next_name = with_names(seen, t, self.table, self.next_name)
-        variance = np.column_stack((np.full(len(seen), self.noise**2), np.zeros(len(seen))))
+        variance = np.column_stack((np.full(len(seen), _NOISE**2), np.zeros(len(seen))))
         scan = seen.id, seen.xy, seen.velocity, seen.radius, variance
         rows, used, _ = self.table
-        known, _, _ = kalman.update(rows, used, t, *scan, self.agility, self.estimates)
+        known, _, _ = kalman.update(rows, used, t, *scan, _AGILITY, self.estimates)
         table, estimate = rows[:known], self.estimates[:known]
         covariance = np.zeros((known, 4, 4))
         age = t - table[:, kalman.T]

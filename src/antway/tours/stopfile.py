@@ -74,9 +74,10 @@ def load_stops(path: str | PathLike[str]) -> StopFile:
     file = as_path(path)
     text = decoded(read_bytes(file, MAX_BYTES), str(file))
     try:
+        lines = csv.reader(io.StringIO(text), strict=True)
         rows = [
-            (number, [entry.strip() for entry in row])
-            for number, row in enumerate(csv.reader(io.StringIO(text), strict=True), 1)
+            (lines.line_num, [entry.strip() for entry in row])
+            for row in lines
             if any(entry.strip() for entry in row) and not row[0].lstrip().startswith("#")
         ]
     except csv.Error as fault:
@@ -110,7 +111,7 @@ def _columns(heading: list[str], where: str) -> list[str]:
     for name in names:
         checks.choice("column", name, COLUMNS, error=BadMap, where=where)
         if names.count(name) > 1:
-            raise BadMap("column", name, "there once", where=where)
+            raise BadMap("column", name, "given once", where=where)
     for name in ("x", "y"):
         if name not in names:
             raise BadMap("columns", ",".join(names), "x, y and more", where=where)

@@ -119,7 +119,7 @@ def avoidance_chart() -> Figure:
             "init": Box("Step 1: read map, start, goal;\nset the colony's parameters", 1),
             "global": Box("Step 2: shortest path by Dijkstra\non the known map", 2),
             "sense": Box("Step 3: sense; predict how\neach obstacle will move", 3),
-            "meet": Box("Conflict on the\nway ahead?", 4.15, kind="question"),
+            "meet": Box("Conflict on the\npath ahead?", 4.15, kind="question"),
             "move": Box("Move on along the path", 5.3),
             "goal": Box("Goal reached?", 6.35, kind="question"),
             "end": Box("End", 7.4, kind="end"),

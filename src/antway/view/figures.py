@@ -74,10 +74,11 @@ def moment_figure(
     title: str,
     caption: str | None = None,
     path: Plan | None = None,
-    prediction: bool = True,
     pheromone: bool = False,
 ) -> Figure:
     """Draw an episode at one step (Figs. 5 and 6 of the paper); moving obstacles are red and have their numbers.
+
+    Their predicted motions in the next 3 s are drawn if the decision of that step has them.
 
     Parameters
     ----------
@@ -89,15 +90,13 @@ def moment_figure(
         Text under the picture; None: the decision in words.
     path : Plan or None
         The global path, drawn dashed.
-    prediction : bool
-        Draw the predicted motions of the obstacles in the next 3 s, if the decision of that step has them.
     pheromone : bool
         Draw the ants' pheromone and the path that was chosen, if the decision of that step has them.
     """
     step = checks.integer("step", step, low=0, high=len(trace))
     fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
     axes = fig.subplots()
-    _draw_moment(axes, trace, step, path, prediction, pheromone)
+    _draw_moment(axes, trace, step, path, pheromone)
     decision = decision_at(trace, step)
     axes.set_title(f"{title}  (t = {trace.t[step]:.1f} s)")
     if caption is None and decision is not None:
@@ -142,7 +141,7 @@ def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | None = None
     fig = style.figure(width * len(steps), height + 0.3)
     row = fig.subplots(1, len(steps), squeeze=False)[0]
     for axes, step in zip(row, steps):
-        _draw_moment(axes, trace, step, path, prediction=True, pheromone=True)
+        _draw_moment(axes, trace, step, path, pheromone=True)
         axes.set_title(f"t = {trace.t[step]:.1f} s")
         if axes is not row[0]:
             axes.set_ylabel("")
@@ -229,7 +228,7 @@ def _draw_lengths(axes: Axes, tour: Tour) -> None:
     axes.legend()
 
 
-def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, prediction: bool, pheromone: bool) -> None:
+def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, pheromone: bool) -> None:
     """Draw an episode at a step; what to draw is as in `moment_figure`."""
     task = trace.task
     style.draw_map(axes, task.grid)
@@ -242,8 +241,7 @@ def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, predict
     if np.isfinite(task.robot.sensor_range):
         axes.add_patch(sensed)
         axes.plot([], [], color=style.INK, linestyle=(0, (1, 2)), label="sensed range")
-    if prediction:
-        _draw_predictions(axes, trace, step)
+    _draw_predictions(axes, trace, step)
     for k in range(len(trace.obstacle_id)):
         _disc(
             axes, trace.obstacle_xy[step, k], trace.obstacle_radius[k], style.RED, zorder=5, filled=bool(trace.sensed[step, k])

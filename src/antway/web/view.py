@@ -186,6 +186,9 @@ class View:
         speed = math.hypot(*stage.velocity[n])
         if speed < 1e-6:
             return 0.0, 0.0
+        if spec.dynamics != "steps":
+            after, slowing = spec.latency + spec.dt, speed / spec.braking
+            return speed * (after + slowing / 2), after + slowing
         periods = 1 if math.isinf(spec.a_max) else max(1, math.ceil(speed / (spec.a_max * spec.dt) - 1e-9))
         slower = 0.0 if periods == 1 else spec.a_max * spec.dt * periods * (periods - 1) / 2
         return (speed * periods - slower) * spec.dt, periods * spec.dt

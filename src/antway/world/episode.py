@@ -149,7 +149,7 @@ def run(
     episode = Episode(scenario, policy, seed=seed, horizon=horizon, record=record)
     while episode.outcome is None:
         episode.step()
-    return episode.result(record=record)
+    return episode.result()
 
 
 class Episode:
@@ -187,7 +187,7 @@ class Episode:
         horizon: float | None = None,
         record: bool = True,
     ) -> None:
-        self.scenario = checks.instance("scenario", scenario, Scenario)
+        self.scenario, self.record = checks.instance("scenario", scenario, Scenario), record
         self.seed = scenario.seed if seed is None else checks.seed(seed)
         horizon = scenario.horizon if horizon is None else checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
         self.stage = stage = Stage(scenario, self.seed, horizon)
@@ -252,14 +252,14 @@ class Episode:
             self.decisions.append((self.stage.n, _checked(decision)))
         return decision.path
 
-    def result(self, *, record: bool = True) -> EpisodeResult:
+    def result(self) -> EpisodeResult:
         """Return the result of an episode that has ended."""
         stage, outcome, n = self.stage, self.outcome, self.stage.n
         assert outcome is not None, "the episode continues"
         config = {"version": __version__, "horizon": stage.horizon, "sensor": asdict(self.scenario.sensor)}
         rounds = None if self.tour is None else self.tour.rounds
         trace = None
-        if record:
+        if self.record:
             decisions = tuple(self.decisions)
             trace = stage.trace(self.name, outcome, self.reason, decisions=decisions, config=config, rounds=rounds)
         speeds = np.hypot(*stage.velocity[1 : n + 1].T)

@@ -18,9 +18,9 @@ from antway.grid import Grid
 from antway.kernels.base.rng import make_state, uniform
 from antway.kernels.robot.motions import bounce
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_SPEED
+from antway.world.policy import XY
 from antway.world.timeline import Trajectory
 
-XY = tuple[float, float]  # m
 Span = float | tuple[float, float]
 
 MAX_KNOTS = 100_000  # limit of knots of an obstacle

@@ -57,7 +57,8 @@ class RobotSpec:
         Corners in m of a convex polygon in the robot's frame (x ahead, y left, rotation about (0, 0)); None: a disc.
     dynamics : str
         "ramps": speeds ramp within a control period and wheels drive arcs. "steps": velocity and heading jump at the start of
-        each period, and the robot drives straight; for old traces, without ackermann, reverse, latency and footprint.
+        each period, and the robot drives straight; for old traces, without ackermann, reverse, latency, `brake_max` and
+        footprint.
 
     Raises
     ------
@@ -108,8 +109,9 @@ class RobotSpec:
             corners = convex_footprint("robot.footprint", self.footprint)
             object.__setattr__(self, "footprint", corners)
             object.__setattr__(self, "radius", max(math.hypot(x, y) for x, y in corners))
-        if self.dynamics == "steps" and (steers or self.v_reverse or self.latency or self.footprint is not None):
-            allowed = '"ramps" with an ackermann drive, reverse, latency or a footprint'
+        ramps = steers or self.v_reverse or self.latency or self.brake_max is not None or self.footprint is not None
+        if self.dynamics == "steps" and ramps:
+            allowed = '"ramps" with an ackermann drive, reverse, latency, brake_max or a footprint'
             raise BadParameter("robot.dynamics", self.dynamics, allowed)
 
     @property
@@ -267,7 +269,7 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
             drive="differential",
         ),
         "Clearpath Jackal, 508 x 430 mm, 2.0 m/s and 4.0 rad/s (jackal/jackal, jackal_control/config/control.yaml); the "
-        "20 m/s^2 and 25 rad/s^2 there bind nothing, 2 m/s^2 and 6 rad/s^2 are what tyres hold on a floor",
+        "20 m/s^2 and 25 rad/s^2 are too large to limit anything; 2 m/s^2 and 6 rad/s^2 are what tyres can transmit to a floor",
     ),
     "amr": (
         RobotSpec(
@@ -349,7 +351,7 @@ def body_gap(
         return np.asarray(np.hypot(away[..., 0], away[..., 1]) - robot.radius)
     cos, sin = np.cos(heading), np.sin(heading)
     x, y = cos * away[..., 0] + sin * away[..., 1], cos * away[..., 1] - sin * away[..., 0]
-    corners = np.array(robot.footprint)
+    corners = robot.corners
     edges, off = np.roll(corners, -1, axis=0) - corners, np.stack((x, y), axis=-1)[..., None, :] - corners
     share = np.clip((off * edges).sum(axis=-1) / (edges**2).sum(axis=-1), 0.0, 1.0)
     gap = np.hypot(*np.moveaxis(off - share[..., None] * edges, -1, 0)).min(axis=-1)

@@ -90,7 +90,7 @@ def empty_outlook(steps: int) -> Outlook:
 
 
 def make_batch(length: float, summed: bool = False) -> Batch:
-    """Return memory for rollouts, and for ways of up to `length` m down the time to the goal.
+    """Return memory for rollouts, and for paths of up to `length` m down the field of times to the goal.
 
     If `summed`, the costs of an obstacle are added up over all steps; else its worst step counts.
     """

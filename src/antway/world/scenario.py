@@ -22,9 +22,9 @@ from antway.reading import opened, read_toml_file
 from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
 from antway.world.line_of_sight import check_clear
-from antway.world.motions import MAX_KNOTS, MOTIONS, XY, Replay
+from antway.world.motions import MAX_KNOTS, MOTIONS, Replay
 from antway.world.obstructed import refuse_through_walls
-from antway.world.policy import BOUNDS, RobotSpec, Task
+from antway.world.policy import BOUNDS, XY, RobotSpec, Task
 from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
 from antway.world.stops import Stop, checked_stops

@@ -191,7 +191,10 @@ class _Reader:
         for k, one in enumerate(self.listed("rounds.stops", parts["stops"])):
             stop = self.table(f"rounds.stops[{k}]", one, "at name window service")
             early, late = self.listed(f"rounds.stops[{k}].window", stop["window"], 2)
-            stops.append(Stop(stop["at"], stop["name"], (early, math.inf if late is None else late), stop["service"]))
+            try:
+                stops.append(Stop(stop["at"], stop["name"], (early, math.inf if late is None else late), stop["service"]))
+            except BadInput as error:
+                raise error.at(self.where, f"rounds.stops[{k}].{error.field}") from None
 
         def number_of(field: str, stop: object) -> int:
             return checks.integer(field, stop, low=0, high=len(stops) - 1, where=self.where)
@@ -234,7 +237,7 @@ class _Reader:
                 grid=Grid(
                     self.unpack("task.grid.blocked", grid["blocked"], "|b1", 2),
                     self.real("task.grid.resolution", grid["resolution"]),
-                    tuple(self.real("task.grid.origin", part) for part in _list(grid["origin"])),  # type: ignore[arg-type]
+                    tuple(self.real("task.grid.origin", part) for part in self.listed("task.grid.origin", grid["origin"], 3)),  # type: ignore[arg-type]
                     None if grid["unknown"] is None else self.unpack("task.grid.unknown", grid["unknown"], "|b1", 2),
                     grid.get("top_first", False),
                 ),
@@ -296,24 +299,17 @@ class _Reader:
     def alternatives(self, name: str, value: object) -> tuple[tuple[str, float], ...]:
         """Read the alternatives of a decision, also those of version 1, which had total times to the goal."""
         found = []
-        for pair in _list(value):
-            if len(_list(pair)) != 2:
-                raise self.bad(name, pair, "pairs of a name and a cost")
-            found.append((self.text(name, pair[0]), self.real(name, pair[1])))
+        for pair in self.listed(name, value):
+            what, cost = self.listed(name, pair, 2)
+            found.append((self.text(name, what), self.real(name, cost)))
         if [what for what, _ in found] == ["the plan", "no way is faster than"]:
             return (("the plan", found[0][1] - found[1][1]),)
         return tuple(found)
 
     def pheromone(self, name: str, value: object) -> tuple[int, int, NDArray[np.float32]]:
         """Read the pheromone of a decision: row and column of the window's corner, and an array."""
-        parts = _list(value)
-        if len(parts) != 3:
-            raise self.bad(name, value, "a row, a column and an array")
-        return (
-            self.whole(f"{name}[0]", parts[0]),
-            self.whole(f"{name}[1]", parts[1]),
-            self.unpack(f"{name}[2]", parts[2], "<f4", 2),
-        )
+        row, col, window = self.listed(name, value, 3)
+        return self.whole(f"{name}[0]", row), self.whole(f"{name}[1]", col), self.unpack(f"{name}[2]", window, "<f4", 2)
 
     def predicted(self, name: str, value: object) -> NDArray[np.float32]:
         """Read predicted motions."""
@@ -360,7 +356,8 @@ class _Reader:
 
     def unpack(self, name: str, value: object, dtype: str, ndim: int) -> NDArray[Any]:
         parts = self.table(name, value, "dtype shape zlib")
-        shape = tuple(checks.integer(f"{name}.shape", n, low=0, where=self.where) for n in _list(parts["shape"]))
+        sizes = self.listed(f"{name}.shape", parts["shape"])
+        shape = tuple(checks.integer(f"{name}.shape", n, low=0, where=self.where) for n in sizes)
         if parts["dtype"] != dtype or len(shape) != ndim:
             raise self.bad(f"{name}.dtype", (parts["dtype"], shape), f"{dtype} with {ndim} dimensions")
         size = math.prod(shape)
@@ -378,7 +375,3 @@ class _Reader:
 
     def bad(self, name: str, value: object, allowed: str) -> BadScenario:
         return BadScenario(name, value, allowed, where=self.where)
-
-
-def _list(value: object) -> list[Any]:
-    return value if isinstance(value, list) else []

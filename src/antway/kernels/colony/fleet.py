@@ -80,7 +80,7 @@ def refresh(fleet: Fleet, r: Routes, k: int) -> None:
 def objective(fleet: Fleet, r: Routes) -> tuple[float, float]:
     """Return the prices of the stops left out plus the weighted times, and the sum of the priorities of the others.
 
-    The objective of late routes is infinite: where the way through a stop is shorter, a route may become late without it.
+    The objective of late routes is infinite. Where a stop saves time because it is on the way, a route may be late without it.
     """
     cost, worth, last = 0.0, 0.0, 0.0
     for k in range(len(r.sizes)):

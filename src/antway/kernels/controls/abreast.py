@@ -301,7 +301,7 @@ def judge_all(sequences: NDArray[np.float64], problem: ControlProblem, limit: fl
     place at that time, plus the path to that place: behind a moving obstacle the static time is too short. The time that a car
     loses to turns is added. At the end of the sequence the time to go itself is added or, if that is more, the static one with
     what the robot will still lose to ramps and turns: a robot that waits loses nothing to them, and need not take a run-up or,
-    where it has found no way (`ramps`), turn.
+    where it has found no path (`ramps`), turn.
     What obstacles will cost afterwards is added (kernels/controls/afterwards.py). A robot that reaches the goal brakes as soon
     as a command given there acts; what it meets until it stands counts as before.
     """

@@ -1,6 +1,6 @@
 """What obstacles cost after the end of a rollout: the robot then takes the best of nine simple motions among them.
 
-Without it, a sequence that flees before people who are faster costs nothing but the way, although they catch up with the robot
+Without it, a sequence that flees before people who are faster costs only the detour, although they catch up with the robot
 a little after its end.
 """
 
@@ -31,7 +31,7 @@ from antway.kernels.controls.problem import (
 
 _DELAY = 0.5  # 1; share of its time that a motion costs which leads nowhere, as the robot need not keep it up to the end
 _UNSURE = 0.3  # m; an obstacle whose place is less uncertain than this counts less, because the plan has reckoned with it
-# Cosine and sine of the angle between each motion and the way down the field; in the last one the robot stands.
+# Cosine and sine of the angle between each motion and the direction down the field; in the last one the robot stands.
 _MOTIONS = tuple((math.cos(angle), math.sin(angle)) for angle in (0.25 * math.pi * k for k in (0, -1, 1, -2, 2, -3, 3, -4)))
 _STAND = len(_MOTIONS)
 

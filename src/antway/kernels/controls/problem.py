@@ -74,7 +74,7 @@ class Batch(NamedTuple):
     sequence: NDArray[np.int64]  # [BATCH] which sequence each rollout is of
     # [BATCH, M] s; what each obstacle costs each sequence, at its worst step; if M is 0, the costs of all steps are added up
     harm: NDArray[np.float64]
-    path: NDArray[np.float64]  # [P, 2] m; a way down the time to the goal (kernels/controls/seeds.py)
+    path: NDArray[np.float64]  # [P, 2] m; a path down the field of times to the goal (kernels/controls/seeds.py)
 
 
 class ControlProblem(NamedTuple):

@@ -18,7 +18,7 @@ _ON_THE_SPOT = 1.2  # rad; a robot on wheels that has to turn by this or more tu
 _SAFE = 1.6  # 1; the fastest motion that stops at its target has 2 here, and would overshoot in periods of a finite length
 _NO_TURN = 0.05  # m; a robot on wheels does not turn to a target nearer than this
 _E = 0.1  # m; length of a step down the field, and half the distance over which its slope is taken
-_AHEAD = 5  # such steps; a robot that follows the way down the field steers to the point this far along it
+_AHEAD = 5  # such steps; a robot that follows the path down the field steers to the point this far along it
 
 
 @inner_kernel
@@ -81,13 +81,13 @@ def turn_and_go(ant: NDArray[np.float64], problem: ControlProblem, bearing: floa
 
 @inner_kernel
 def descent_points(length: float) -> int:
-    """Return the number of points of a way of `length` m down the field, in addition to the 0.5 m that are steered ahead."""
+    """Return the number of points of a path of `length` m down the field, in addition to the 0.5 m that are steered ahead."""
     return math.ceil(length / _E) + _AHEAD + 1
 
 
 @inner_kernel
 def descend(path: NDArray[np.float64], field: StaticField, x: float, y: float, length: float) -> int:
-    """Write the way from (x, y) down the time to the goal, up to `length` m and 0.5 m more; return its number of points."""
+    """Write the path from (x, y) down the field of times, up to `length` m and 0.5 m more; return its number of points."""
     n, most = 1, descent_points(length)
     path[0, 0], path[0, 1] = x, y
     while n < most:
@@ -144,7 +144,7 @@ def along_plan(ant: NDArray[np.float64], problem: ControlProblem, lead: int, lat
 def write_seed(ant: NDArray[np.float64], problem: ControlProblem, path: NDArray[np.float64], n: int, i: int) -> bool:
     """Write seed i, 0 to SEEDS - 1, to `ant`, float64[S, 2]; return False if this problem has no such seed.
 
-    `path` and n are the way from the start down the field, and its number of points.
+    `path` and n are the path from the start down the field, and its number of points.
 
     ======== =========================================================================================================
     0 to 23  turn to one of 12 bearings and go, at full or half speed

@@ -26,7 +26,7 @@ _ARRIVED = 0.5  # s; nearer to the goal than this, the robot has no use for deto
 class Detours:
     """The times to the goal on a map where obstacles stay.
 
-    Plans know the obstacles up to their horizon only, and expect the way to be free from then on. Behind an obstacle that stays
+    Plans know the obstacles up to their horizon only, and take the path to be free after it. Behind an obstacle that stays
     in a doorway, a robot would wait forever, though there may be another door. How long an obstacle will stay is not known. The
     longer it has stayed, the longer it is likely to, so it is expected to stay as long again as it has stayed already. A robot
     then waits before a doorway at most about as long as the detour takes in addition, as in the ski rental problem.
@@ -40,7 +40,7 @@ class Detours:
         robot's progress is judged.
     narrow : sequence of PlanningContext or None
         Both for a disc as narrow as the robot, which passes obstacles lengthwise; None if they are the same. Where the robot is
-        held up and they lead past what stays, they are tried first, then those of `contexts` and these by turns.
+        held up and they lead past what stays, they are tried first; after that `contexts` and `narrow` are tried alternately.
 
     Attributes
     ----------

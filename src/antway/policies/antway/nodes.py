@@ -44,7 +44,7 @@ def planning_contexts(task: Task, moves: Moves) -> tuple[PlanningContext, Planni
 
 
 def narrow_contexts(task: Task, moves: Moves, radius: float) -> tuple[PlanningContext, PlanningContext] | None:
-    """Return the contexts of `planning_contexts` for a disc as wide as the robot's footprint is at least.
+    """Return the contexts of `planning_contexts` for a disc whose diameter is the smallest width of the footprint.
 
     None if that disc is not smaller than one of `radius` m, or does not fit at the start or at the goal.
     """

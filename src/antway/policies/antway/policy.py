@@ -227,7 +227,7 @@ class AntwayPolicy:
         drive = self._follow_plan if s.controls is None else self._roll_out
         command, what = drive(observation)
         command = Command((0.0, 0.0)) if s.dance.stands(observation, s.task.robot.v_max, s.rng) else command
-        # Which track is which is a guess where the sensor gives no names: nothing is proven by it.
+        # Where the sensor gives no names, names are guesses, so a strict guard gets the observation without them.
         command = self._guarded(as_sensed if self.mode == "strict" else observation, command)
         guard_did = "" if self.guard is None else self.guard.did
         if what != KEPT or guard_did != s.guard_did or observation.t >= s.until:

@@ -58,7 +58,7 @@ class State:
     yielding : Yielding
         What the robot waits for, and what it was asked for while it gives way.
     dance : Dance
-        Whether the robot stands because it and somebody else went to and fro before one another.
+        Whether the robot stands because it and an obstacle kept stepping aside for each other.
     controls : ControlColony or None
         What drives a robot with inertia or wheels.
     started : float

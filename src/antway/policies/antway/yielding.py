@@ -19,27 +19,27 @@ from antway.policies.antway.detours import Detours, middles, node_near, without
 from antway.search.sipp import timed_field
 from antway.world.policy import XY, Observation, Task
 
-_WAIT = 5.0  # s; who has stayed for this long may wait for the robot, and the robot for him
-_UNSURE = 20.0  # s; the same for somebody who was not seen to come, or who could be passed although the robot does not
-_LONGEST = 40.0  # s; if the other does not use the room, the robot waits for twice as long the next time, up to this
-_CAME = 0.4  # m; somebody who has moved as far as this since he was first seen counts as one who came
-_GAP = 0.3  # m; gap that the robot leaves to the other who passes it
+_WAIT = 5.0  # s; an obstacle that has stayed for this long may be waiting for the robot, and the robot for the obstacle
+_UNSURE = 20.0  # s; the same for an obstacle that was not seen to come, or that the robot could pass but does not
+_LONGEST = 40.0  # s; if the obstacle does not use the room, the robot waits for twice as long the next time, up to this
+_CAME = 0.4  # m; an obstacle that has moved this far since it was first seen counts as one that came here
+_GAP = 0.3  # m; gap that the robot leaves to the obstacle that passes it
 _TOLERANCE = 0.15  # m; the robot drives to its refuge as nearly as this
-_WALKS = 2.0  # s; whoever has stayed where he is for less than this may be walking
+_WALKS = 2.0  # s; an obstacle that has stayed for less than this may be walking
 _SCANS = 9  # number of scans, a quarter of a second apart, by which it is told whether the robot goes to and fro
-_MOVES = 0.25  # of the robot's top speed; it moves at least as fast then, and the other gets away more slowly, on the mean
-_TO_AND_FRO = 0.35  # of its way; it ends up nearer than that to where it began
-_PROGRESS = 0.3  # s; it has come nearer to the goal by no more than that
-_AGAIN = 1.0  # s; the other is seen again after this time
+_MOVES = 0.25  # 1; a robot that goes to and fro drives faster than this share of its top speed, and the obstacle leaves slower
+_TO_AND_FRO = 0.35  # 1; it ends nearer to where it began than this share of the distance driven
+_PROGRESS = 0.3  # s; meanwhile its time to the goal falls by less than this
+_AGAIN = 1.0  # s; an obstacle counts as going to and fro once it has been in sight for this time
 _PAUSE = 1.0, 3.0  # s; the robot then stands for a time between these
 
 
 class Yielding:
-    """Tells when the robot and somebody else wait for one another, and where the robot lets him pass.
+    """Tells when the robot and an obstacle wait for each other, and where the robot lets the obstacle pass.
 
-    They do if both have stayed for long, and no path leads past the robot for him. The refuge is the nearest place beside his
-    way out, which is taken to lead past the robot to its start, and to the farthest place behind it. The robot waits there
-    until he has passed, or has stayed for long again, and then drives on to its goal.
+    They do if both have stayed for long, and no path leads the obstacle past the robot. The refuge is the nearest place beside
+    its path out, which is taken to lead past the robot to the robot's start, and to the farthest place behind it. The robot
+    waits there until the obstacle has passed, or has stayed for long again, and then drives on to its goal.
     """
 
     def __init__(self) -> None:
@@ -118,11 +118,11 @@ class Yielding:
 
 
 class Dance:
-    """Tells when the robot and somebody else go to and fro before one another, and lets the robot stand for a while then.
+    """Tells when the robot and an obstacle keep stepping aside for each other, and lets the robot stand for a while then.
 
-    Two who plan alike give way to one another at the same time, see that, and both drive on. So the robot stands once it sees
-    him again, for a time that is drawn: one of the two drives on first, and the other gives way to him alone. This is for
-    robots that can take any velocity at once, as others hesitate by themselves. In crowds to stand costs time.
+    Two robots with the same policy step aside at the same time, see it, and both drive on at the same time. So the robot stands
+    for a time that is drawn at random: one of the two drives on first, and only the other steps aside. This is for robots that
+    can take any velocity at once, as others hesitate by themselves. Standing costs time in crowds.
 
     Attributes
     ----------
@@ -136,7 +136,9 @@ class Dance:
         self._first: dict[int, tuple[float, XY]] = {}  # when and where each obstacle was first seen since the robot does
 
     def __str__(self) -> str:
-        return "" if self.until == -math.inf else "the robot waits, as it and another go to and fro before one another"
+        return (
+            "" if self.until == -math.inf else "the robot waits, because it and an obstacle keep stepping aside for each other"
+        )
 
     def update(self, task: Task, to_go: float, t: float, xy: XY) -> None:
         """Take in that the robot is at `xy` at the time `t` s of a scan, `to_go` s before the goal."""

@@ -160,16 +160,16 @@ class Routes:
         start = np.zeros(len(path))
         start[0] = along if on else 0.0
         pause = np.full(len(path), 2.0 * spec.dt)
-        pause[0] = 0.0 if on else speed / spec.a_max
+        pause[0] = 0.0 if on else speed / spec.braking
         if spec.drive == "differential":
             turn = np.diff(np.concatenate(([seen.heading], angle)))
             pause += np.abs(turn - 2 * math.pi * np.round(turn / (2 * math.pi))) / spec.turn_rate
-        if math.isinf(spec.a_max):
-            top, up, down = np.full(len(path), spec.v_max), np.zeros(len(path)), np.zeros(len(path))
-        else:
-            top = np.minimum(np.sqrt(spec.a_max * length + start**2 / 2), spec.v_max)
-            top = np.maximum(top, start)
-            up, down = (top - start) / spec.a_max, top / spec.a_max
+        top = np.full(len(path), spec.v_max)
+        if math.isfinite(spec.a_max) or math.isfinite(spec.braking):
+            # It speeds up over (v^2 - start^2) / 2a and brakes over v^2 / 2b; together at most the length of the leg.
+            fastest = (length + start**2 / (2.0 * spec.a_max)) / (0.5 / spec.a_max + 0.5 / spec.braking)
+            top = np.maximum(np.minimum(np.sqrt(fastest), top), start)
+        up, down = (top - start) / spec.a_max, top / spec.braking
         gained, lost = (start + top) / 2 * up, top / 2 * down
         cruise = np.maximum(length - gained - lost, 0.0) / top
         half_up = (start + (start + top) / 2) / 2 * up / 2
@@ -252,11 +252,11 @@ class Routes:
             return STOP
         if spec.drive == "differential" and math.cos(seen.heading) * ux + math.sin(seen.heading) * uy < 1.0 - 1e-12:
             return Command((ux * 1e-6, uy * 1e-6)) if math.hypot(*seen.velocity) < 1e-6 else STOP
-        # The fastest speed v with v dt + v^2 / 2a <= path, so that the robot can still stop at the corner.
+        # The fastest speed v with v dt + v^2 / 2b <= path, so that the robot can still stop at the corner.
         speed = path / spec.dt
-        if math.isfinite(spec.a_max):
-            change = spec.a_max * spec.dt
-            speed = min(speed, 2 * path * spec.a_max / (change + math.sqrt(change * change + 2 * spec.a_max * path)))
+        if math.isfinite(spec.braking):
+            change = spec.braking * spec.dt
+            speed = min(speed, 2 * path * spec.braking / (change + math.sqrt(change * change + 2 * spec.braking * path)))
         speed = min(speed, spec.v_max)
         return Command((ux * speed, uy * speed))
 
