@@ -80,9 +80,15 @@ class Empty(Follow):
         return super().act(observation)
 
 
+class Silent(Follow):
+    def act(self, observation):
+        super().act(observation)
+
+
 @pytest.mark.parametrize(
     ("kind", "printed"),
     [
+        (Silent, "commands: not all of them are finite"),
         (Remembers, "reset"),
         (Unseeded, "seeding"),
         (Global, "global state"),
@@ -107,3 +113,5 @@ def test_a_planner_that_lies_is_caught():
     with pytest.raises(InvalidPlan) as caught:
         check_planner(lies)
     assert len(caught.value.violations) == 3
+    with pytest.raises(InvalidPlan, match="it returns None, not a Plan"):
+        check_planner(lambda problem, *, seed, budget: None)

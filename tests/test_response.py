@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from antway import Command, Observation, RobotSpec, Tracks, check_episode, make_policy, run
+from antway import Command, Grid, Observation, RobotSpec, Scenario, Tracks, World, check_episode, make_policy, run
 from antway.arena.suites import Episode, build
 from antway.errors import BadParameter
 from antway.kernels.base.records import HOLONOMIC, RobotState
@@ -22,7 +22,9 @@ from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.response import Response
 from antway.policies.guard import Guarded
 from antway.tables import ROBOTS
+from antway.world.motions import Line
 from antway.world.robots import load_robot
+from antway.world.world import Obstacle
 from common import cases, costly
 from naive import motion as twin
 from test_motion import DRIVES, some_command, some_limits, some_state
@@ -418,3 +420,35 @@ def test_what_learns_can_be_chosen() -> None:
     with pytest.raises(BadParameter, match="learns_response"):
         AntwayPolicy(learns_response=1)  # type: ignore[arg-type]
     assert not AntwayPolicy(distance_weight=0.1).learns_response and AntwayPolicy().learns_response
+
+
+@pytest.mark.parametrize("learns", [True, False])
+@pytest.mark.parametrize("name", ["diff", "inertia"])
+def test_commands_that_do_not_act_yet_need_not_be_told(name: str, learns: bool) -> None:
+    """With latency, observations without `pending` get the same commands: the policy knows what it has commanded.
+
+    It used to plan as if there were no latency, and met people whom it avoids without having been told of the latency.
+    """
+    robot = replace(load_robot(name), latency=0.3)
+    world = World(Grid(np.zeros((60, 80), np.bool_), 0.2), (Obstacle(0.3, Line((8.0, 11.0), (8.0, 1.0), speed=0.8)),))
+    scenario = Scenario(world, (1.1, 6.1), (14.1, 6.1), robot=robot, horizon=4.0)
+    told = AntwayPolicy(learns_response=learns)
+
+    class Untold(AntwayPolicy):
+        def act(self, observation: Observation) -> Command:
+            return super().act(replace(observation, pending=None))
+
+    one, two = run(scenario, told), run(scenario, Untold(learns_response=learns))
+    assert one.trace is not None and two.trace is not None
+    assert one.trace.command.tobytes() == two.trace.command.tobytes()
+
+
+@pytest.mark.parametrize("rates", [(0.5, 0.5), (0.3, 0.3), (0.7, 0.5)])
+def test_a_robot_that_turns_slowly_leaves_a_wall(rates: tuple[float, float]) -> None:
+    """Its nose is 5 cm before a wall, and it turns on the spot. It used to stand: half a turn outlasted its sequences."""
+    turn_rate, alpha_max = rates
+    robot = RobotSpec(0.4, 1.5, 0.5, drive="differential", turn_rate=turn_rate, alpha_max=alpha_max)
+    blocked = np.zeros((50, 80), np.bool_)
+    blocked[:, 79] = True
+    scenario = Scenario(World(Grid(blocked, 0.2)), (15.8 - 0.45, 5.1), (4.1, 5.1), robot=robot, horizon=40.0)
+    assert run(scenario, "antway", seed=1).reached

@@ -59,6 +59,14 @@ def hall(tmp_path: Path) -> Path:
     return tmp_path / "hall.toml"
 
 
+def test_a_replay_may_have_a_heading(hall: Path) -> None:
+    """The heading t,x,y of a recording is not a fault."""
+    plain = load_scenario(hall)
+    track = hall.parent / "track.csv"
+    track.write_text("t, x, y\n" + track.read_text())
+    assert load_scenario(hall).world.obstacles[1] == plain.world.obstacles[1]
+
+
 def test_a_scenario_file_is_read(hall: Path) -> None:
     """Every key arrives where it belongs; what is left out has its default."""
     scenario = load_scenario(hall)

@@ -57,7 +57,7 @@ SMALL = 2**19  # cells; up to this size, a search by interpreted kernels takes l
 TINY = 2**16  # cells; up to this size, it takes less time than loading Numba and compiled kernels
 
 _PARETO = (
-    "Find every trade of time, distance and clearance, by ants; for coarse maps. "
+    "Find every trade of time, distance and clearance from moving obstacles (up to 1 m), by ants; for coarse maps. "
     "Each move takes as long as the longest, a diagonal: 1.4 s a metre at 1 m/s."
 )
 ScenarioName = Annotated[str, scene_argument("SCENARIO", "A .toml file")]

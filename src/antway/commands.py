@@ -249,7 +249,7 @@ def plan_front(
 ) -> int:
     """Print the front of time, distance and clearance among the obstacles of a scenario; see `antway plan --pareto`."""
     from antway import Status, load_scenario
-    from antway.ants.timed_front import OBJECTIVES, timed_front
+    from antway.ants.timed_front import MOST, OBJECTIVES, timed_front
     from antway.search.distance_field import distance_field
 
     with working("searching the front"):
@@ -282,7 +282,8 @@ def plan_front(
         print_json({"status": status.value, "objectives": OBJECTIVES, "front": front.values.tolist(), "paths": paths})
     else:
         for time, distance, clearance in front.values.tolist():
-            print(f"{time:8.2f} s  {distance:8.2f} m  clearance {clearance:.2f} m")
+            more = " or more" if clearance == MOST else ""
+            print(f"{time:8.2f} s  {distance:8.2f} m  {clearance:.2f} m{more} from moving obstacles")
         count = f"{len(front.paths)} path{'' if len(front.paths) == 1 else 's'}"
         says = {Status.FOUND: "all trade-offs found", Status.NO_PATH: "no path", Status.BUDGET: "there may be more"}[
             front.status
@@ -317,11 +318,10 @@ def smooth_plan(path: Plan, grid: Grid, robot: RobotSpec, seed: int, out: Path |
     elif motion is None:
         print(f"no motion found: {found.reason}")
     else:
-        how = "along a curve" if found.bent else "with a stop at each corner"
-        print(f"{motion.time:.2f} s, {motion.length:.2f} m, {how}")
+        print(f"{motion.time:.2f} s, {motion.length:.2f} m, {found.how}")
         if found.bent and found.stop_time < float("inf"):
-            print(f"{found.stop_time:.2f} s with a stop at each corner")
-        print(f"{found.bound:.2f} s for the length of the plan, {path.length:.2f} m, at full speed")
+            print(f"{found.stop_time:.2f} s would be the motion with a stop at each corner")
+        print(f"{found.bound:.2f} s would be the plan itself, {path.length:.2f} m, at full speed throughout")
         if out is not None:
             print(f"drawn in {out}")
     return NO_PATH if motion is None else 0

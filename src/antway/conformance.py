@@ -57,6 +57,8 @@ def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
         raise InvalidPlan([f"fails in an empty room: {first.reason}"])
     if _global_state() != before:
         faults.append("global state: it changes the random state of NumPy or of Python")
+    if first.trace is not None and not np.isfinite(first.trace.command).all():
+        faults.append("commands: not all of them are finite, and the robot brakes then")
     if len(first.cycle_ms) > 1 and first.cycle_ms[1:].max() > 1e3 * seconds:
         faults.append(f"time limit: a cycle took {first.cycle_ms[1:].max():.0f} ms, more than {1e3 * seconds:g} ms")
     runs = {"reset: a second episode differs from the first": policy, "seeding: another instance gives other commands": make()}
@@ -89,6 +91,8 @@ def check_planner(planner: Planner) -> None:
     problem = Problem(Grid(open_), (2, 2), (20, 21))
     before = _global_state()
     plans = [planner(problem, seed=seed, budget=Budget()) for seed in (5, 6, 5)]
+    if not all(isinstance(plan, Plan) for plan in plans):
+        raise InvalidPlan([f"it returns {plans[0]!r:.60}, not a Plan"])
     if _global_state() != before:
         faults.append("global state: it changes the random state of NumPy or of Python")
     faults += _plan_faults("", problem, plans[0], Status.FOUND)

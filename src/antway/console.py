@@ -357,7 +357,7 @@ def print_rounds(numbers: dict[str, Any]) -> None:
         rows.append((str(n), visit["stop"], f"{visit['arrival']:.1f} s", waited, f"{visit['end']:.1f} s", late))
     _print_cells("Stops", ("visit", "stop", "arrives", "waits", "leaves", "late"), "stop", rows)
     late_in_all = f"{numbers['lateness']:.1f} s late in all" if numbers["lateness"] > 0 else "none late"
-    print(f"{numbers['visited']} of {numbers['stops']} stops visited, {late_in_all}; {numbers['orders']} orders decided on")
+    print(f"{numbers['visited']} of {numbers['stops']} stops visited, {late_in_all}; orders decided on: {numbers['orders']}")
 
 
 def print_tour(tour: TourPlan) -> None:

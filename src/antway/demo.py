@@ -149,11 +149,13 @@ def write_figures(trace: Trace, folder: Path) -> None:
         first = figures.plan_figure(trace.task.grid, path, ends=ends, title=title)
     else:
         first = figures.moment_figure(trace, 0, title=f"Policy {trace.policy} sets out", path=path, pheromone=True)
-    before = figures.meeting(trace.decision_at(meet))
+    before, comes = trace.decision_at(meet), len(trace.obstacle_id) > 0
+    meets = "About to encounter an obstacle" if before is not None and before.obstacle is not None else "No obstacle in the way"
+    reacts = figures.title_of(trace.decision_at(avoid)) if comes else meets
     drawn = (
         first,
-        figures.moment_figure(trace, meet, title="About to encounter an obstacle", caption=before, path=path),
-        figures.moment_figure(trace, avoid, title=figures.title_of(trace.decision_at(avoid)), path=path, pheromone=True),
+        figures.moment_figure(trace, meet, title=meets, caption=figures.meeting(before), path=path),
+        figures.moment_figure(trace, avoid, title=reacts, path=path, pheromone=True),
         figures.final_figure(trace, path=path),
     )
     for picture, name in zip(drawn, figure_names(trace.policy)):

@@ -27,11 +27,14 @@ def harm(p, v, heading, command, until, tracks, limits, dt, ahead=2.5, parts=50)
             where = row[:2] + row[2:4] * (row[7] + begin + s)[:, None]
             gaps = np.hypot(*(where - at - w * s[:, None]).T) - radius - row[4]
             i = int(np.argmin(gaps))
+            after = begin + s[i]
+            if begin == 0.0 and gaps[0] < 0.0:  # in contact already
+                i, after = -1, 0.0
             z = 1.7 * gaps[i] / sigma
-            score = max(z, 0.0) + (begin + s[i]) / 1.5
+            score = max(z, 0.0) + after / 1.5
             if gaps[i] < 3.0 * sigma and score < best:
                 slow = 1.0 + 0.02 * math.hypot(*w) / limits[0]
-                best, value = score, math.exp(-(begin + s[i]) / 1.5) / (1.0 + math.exp(z)) * slow
+                best, value = score, math.exp(-after / 1.5) / (1.0 + math.exp(z)) * slow
         total += value
     return total
 
@@ -46,6 +49,8 @@ def chance_of_contact(places, aside, estimates, age, radius, ahead, hold, parts=
     for row in estimates:
         where = row[:2] + np.outer(t + age, row[2:4])
         z = (np.hypot(*(where - robot).T) - radius - row[4]) / (row[6] * (0.1 + t) + 1e-6)
+        if z[0] < 0.0:  # in contact already
+            z = z[t > knots[1] - 1e-9]
         total += 1.0 / (1.0 + math.exp(min(1.7 * z.min(), 50.0)))
     return total
 

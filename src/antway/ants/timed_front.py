@@ -26,6 +26,7 @@ from antway.search.derived import graph
 from antway.search.distance_field import distance_field
 from antway.search.sipp import Trajectories, checked_trajectories
 
+MOST = 1.0  # m; larger clearances count as this, unless it is said otherwise
 OBJECTIVES = ("time", "distance", "clearance")
 MAX_STATES = 2_000_000  # limit of cells times periods
 LEVEL = 0.05  # m; clearances are rounded down to multiples of this
@@ -239,7 +240,7 @@ def exact_front(
     radius: float = 0.3,
     v_max: float = 1.0,
     horizon: float = 30.0,
-    most: float = 1.0,
+    most: float = MOST,
 ) -> TimedFront:
     """Return the whole front by dynamic programming: every label is extended, period by period.
 
@@ -266,7 +267,7 @@ def timed_front(
     radius: float = 0.3,
     v_max: float = 1.0,
     horizon: float = 30.0,
-    most: float = 1.0,
+    most: float = MOST,
     seed: int = 0,
     budget: int = 100_000,
 ) -> TimedFront:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,9 +65,9 @@ class Tour:
 
     order: NDArray[np.int32]
     length: float
-    history: NDArray[np.float64]
-    pheromone: NDArray[np.float64]
-    candidates: NDArray[np.int32]
+    history: NDArray[np.float64] = field(repr=False)
+    pheromone: NDArray[np.float64] = field(repr=False)
+    candidates: NDArray[np.int32] = field(repr=False)
     tours: int
     elapsed: float
     optimum: float | None

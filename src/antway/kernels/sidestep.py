@@ -56,6 +56,7 @@ def chance_of_contact(
         ax, ay = estimates[k, X] + ux * age, estimates[k, Y] + uy * age
         body, least = radius + estimates[k, RADIUS], math.inf
         qx, qy = ax - places[0, 0], ay - places[0, 1]
+        touches = qx * qx + qy * qy < body * body  # such a contact counts by what is left of it after a step
         for i in range(STEPS):
             t = (i + 1) * h
             away = min(t, hold)
@@ -63,6 +64,8 @@ def chance_of_contact(
             dx, dy = rx - qx, ry - qy
             dd = dx * dx + dy * dy
             s = min(max(-(qx * dx + qy * dy) / dd, 0.0), 1.0) if dd > 0.0 else 0.0
+            if i == 0 and touches:
+                s = 1.0
             sigma = estimates[k, SIGMA_V] * (_LEAD + (i + s) * h) + 1e-6
             least = min(least, (math.hypot(qx + dx * s, qy + dy * s) - body) / sigma)
             qx, qy = rx, ry

@@ -62,8 +62,17 @@ class Smoothed:
     elapsed: float = 0.0
     reason: str = ""
 
+    @property
+    def how(self) -> str:
+        """How the motion goes, in words; empty without one."""
+        if self.motion is None:
+            return ""
+        if math.dist(self.motion.xy[0], self.motion.xy[-1]) > self.motion.length - 1e-6:
+            return "along a straight line"
+        return "along a curve" if self.bent else "with a stop at each corner"
+
     def __repr__(self) -> str:
-        return f"Smoothed({self.motion}, {'bent' if self.bent else 'stops at corners'})" if self.motion else "Smoothed(none)"
+        return f"Smoothed({self.motion}, {self.how})" if self.motion else "Smoothed(none)"
 
 
 class _Task(NamedTuple):

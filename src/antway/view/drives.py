@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -57,9 +59,9 @@ def motion_figure(grid: Grid, path: Plan, smoothed: Smoothed, robot: RobotSpec) 
             outline = Polygon(robot.corners @ np.array([[cos, sin], [-sin, cos]]) + (x, y))
         outline.set(fill=False, edgecolor=style.BLUE, linewidth=0.8, zorder=3)
         axes.add_patch(outline)
-    how = "along a curve" if smoothed.bent else "with a stop at each corner"
-    axes.plot([], [], color=style.BLUE, linewidth=0.8, label="robot, at equal time steps")
-    axes.set_title(f"Smoothed plan: {motion.time:.1f} s, {motion.length:.2f} m, {how}")
+    ring: dict[str, Any] = {"color": style.BLUE, "markerfacecolor": "none", "markersize": 8, "markeredgewidth": 0.8}
+    axes.plot([], [], "o", label="robot, at equal time steps", **ring)
+    axes.set_title(f"Smoothed plan: {motion.time:.1f} s, {motion.length:.2f} m, {smoothed.how}")
     below.plot(motion.t, speed, color=style.BLUE, linewidth=1.4, label="speed (m/s)")
     if robot.wheels:
         below.plot(motion.t, motion.turn_rate, color=style.ORANGE, linewidth=1.2, label="turn rate (rad/s)")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import described_error
+from antway.errors import BadParameter, described_error
 from antway.kernels.robot.motion import REST
 from antway.lazy import drawing
 from antway.planning import TimedPath
@@ -239,9 +240,10 @@ class Episode:
         """Return the command of the policy, and record its time, which does not include explanations."""
         watch = Stopwatch()
         try:
-            return self.policy.act(observation)
+            command = self.policy.act(observation)
         finally:
             self.stage.cycle_ms[self.stage.n] = watch.ms()
+        return _checked_command(command)
 
     def _planned(self) -> TimedPath | None:
         """Return the planned motion, and record the explanation, if one is needed."""
@@ -279,6 +281,18 @@ class Episode:
             rounds=rounds,
             order_ms=np.array([] if self.tour is None else self.tour.order_ms),
         )
+
+
+def _checked_command(command: object) -> Command | None:
+    """Return a policy's command, if it is one or None. None, and numbers that are not finite, mean that the robot brakes."""
+    if command is None:
+        return None
+    known = checks.instance("command", command, Command)
+    for name, pair in (("velocity", known.velocity), ("twist", known.twist)):
+        for part in () if pair is None else checks.sequence(f"command.{name}", pair, "two numbers", size=2):
+            if not isinstance(part, Real):
+                raise BadParameter(f"command.{name}", pair, "two numbers")
+    return known
 
 
 def _checked(decision: object) -> Decision:

@@ -306,7 +306,7 @@ def load_robot(name: str | Path) -> RobotSpec:
         return ROBOTS[name][0]
     path = Path(name) if isinstance(name, (str, Path)) else None
     if path is None or path.suffix != ".toml" or not isfile(path):
-        raise BadParameter("robot", str(name), f"one of {', '.join(ROBOTS)}, or an existing file .toml")
+        raise BadParameter("robot", str(name), f"one of {', '.join(ROBOTS)}, or the name of a .toml file that exists")
     where = str(path)
     record = read_toml_file(path, _MAX_BYTES, "robot")
     record = record.get("robot", record)

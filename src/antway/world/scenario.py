@@ -6,6 +6,7 @@ import io
 import math
 import warnings
 from dataclasses import MISSING, dataclass, field, fields, replace
+from itertools import chain
 from os import PathLike
 from os.path import isfile
 from pathlib import Path, PurePosixPath
@@ -224,7 +225,9 @@ def _read_csv(file: Path, name: str, where: str) -> NDArray[np.float64]:
         warnings.simplefilter("ignore", UserWarning)  # about files without lines, whose shape is refused later
         try:
             text = io.TextIOWrapper(lines, encoding="utf-8-sig")
-            return np.loadtxt(text, delimiter=",", ndmin=2, max_rows=MAX_KNOTS)
+            first = text.readline()
+            rows = text if first.replace(" ", "").strip().lower() == "t,x,y" else chain((first,), text)
+            return np.loadtxt(rows, delimiter=",", ndmin=2, max_rows=MAX_KNOTS)
         except ValueError as error:
             raise BadScenario(name, str(error), "CSV lines t,x,y in s and m", where=where) from None
 

@@ -81,9 +81,12 @@ def harm(
                 continue
             rr = rx * rx + ry * ry
             s = min(max(-(qx * rx + qy * ry) / rr, 0.0), dt) if rr > 0.0 else 0.0
+            after = t + s
+            if i == 0 and qx * qx + qy * qy < body * body:
+                s, after = dt, 0.0  # a contact that is there already counts by what is left of it after the step
             slope = 1.7 * (math.hypot(qx + rx * s, qy + ry * s) - body) / sigma
-            if max(slope, 0.0) + (t + s) / _WEIGHT < low:
-                low, ratio, when, fast = max(slope, 0.0) + (t + s) / _WEIGHT, slope, t + s, path[i, 4]
+            if max(slope, 0.0) + after / _WEIGHT < low:
+                low, ratio, when, fast = max(slope, 0.0) + after / _WEIGHT, slope, after, path[i, 4]
         if low < math.inf:
             total += math.exp(-when / _WEIGHT) / (1.0 + math.exp(ratio)) * (1.0 + _SPEED_COST * fast)
         if total >= enough:

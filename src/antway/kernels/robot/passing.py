@@ -96,10 +96,11 @@ def _aside(situation: Situation, tracks: NDArray[np.float64], lookahead: float) 
 def _slower(situation: Situation, ca: float, cb: float) -> tuple[float, float, bool]:
     """Return the fastest of the slower commands that is certified, and whether there is one.
 
-    Wheels keep the commanded turn rate or else the commanded arc, and at last only turn.
+    Wheels keep the commanded turn rate or else the commanded arc, and at last only turn, if they can turn in place.
     """
     wheels = situation.robot.limits.drive != HOLONOMIC
-    for k in range(_FRACTIONS - 1, -1 if wheels else 0, -1):
+    turns = wheels and situation.robot.limits.turning_radius == 0.0
+    for k in range(_FRACTIONS - 1, -1 if turns else 0, -1):
         share = k / _FRACTIONS
         for kind in range(2 if wheels and abs(cb) > STRAIGHT and k > 0 else 1):
             one, two = ca * share, cb if wheels and kind == 0 else cb * share

@@ -53,7 +53,8 @@ class ControlOptions:
     Attributes
     ----------
     horizon : float
-        s; duration of a sequence of controls. It is up to twice as long for robots that drive less than 1.5 m in this time.
+        s; duration of a sequence of controls. It is up to twice as long for robots that drive less than 1.5 m in this time, or
+        turn by less than a quarter.
     block : float
         s; the random change of a control is the same for steps within this time.
     archive : int
@@ -182,7 +183,7 @@ class ControlColony:
     ) -> None:
         robot, o = task.robot, options
         self.options, self.robot, self.task, self.swerve = o, robot, task, swerve
-        horizon = max(o.horizon, min(_LEAST_PATH / robot.v_max, 2.0 * o.horizon))
+        horizon = max(o.horizon, min(max(_LEAST_PATH / robot.v_max, _quarter_turn(robot)), 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
         self.slowness = min(max(_AGILE / robot.v_max, 1.0), _SLOWEST)
@@ -362,6 +363,15 @@ class ControlColony:
     def path(self) -> TimedPath:
         """Return the path that the best sequence led along when it last led elsewhere than before."""
         return TimedPath(self._shown[:, 0].copy(), self._shown[:, 1:].copy())
+
+
+def _quarter_turn(robot: RobotSpec) -> float:
+    """Return how long wheels need for a quarter of a turn from rest to rest, s; 0 without wheels."""
+    if not robot.wheels:
+        return 0.0
+    change = finite_limits(robot).alpha_max
+    fastest = min(robot.turn_rate, math.sqrt(0.5 * math.pi * change))
+    return 0.5 * math.pi / fastest + fastest / change
 
 
 def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float | None) -> CostWeights:

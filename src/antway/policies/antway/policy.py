@@ -243,7 +243,7 @@ class AntwayPolicy:
         """Learn how the robot answers commands; return the observation with what it lacks."""
         s = self._state
         if not self.learns_response or s.response.declared.dynamics == "steps":
-            return o
+            return s.response.with_pending(o)
         if s.response.update(o):
             task = replace(s.task, robot=s.response.robot)
             anew = (s.controls is None) != task.robot.stepwise or tops(task.robot) != tops(s.task.robot)

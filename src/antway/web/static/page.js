@@ -275,6 +275,7 @@ function listen() {
   for (const id of ["pixel", "occupied"]) on(id, "input", sized);
   on("scrub", "input", scrub);
   on("pixel-open", "click", openPicture);
+  on("pixel-box", "keydown", (event) => event.key === "Enter" && event.target.id !== "pixel-drop" && (event.preventDefault(), byId("pixel-open").click()));
   on("pixel-drop", "click", () => byId("pixel-box").close());
   on("close-link", "click", () => byId("link-box").close());
   on("link-box", "close", () => (byId("copy").textContent = "Copy"));
