@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from antway import Command, Grid, Observation, RobotSpec, Scenario, Tracks, World, check_episode, make_policy, run
+from antway import Command, Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, make_policy, run
 from antway.arena.suites import Episode, build
 from antway.errors import BadParameter
 from antway.kernels.base.records import HOLONOMIC, RobotState
@@ -448,7 +448,18 @@ def test_a_robot_that_turns_slowly_leaves_a_wall(rates: tuple[float, float]) -> 
     """Its nose is 5 cm before a wall, and it turns on the spot. It used to stand: half a turn outlasted its sequences."""
     turn_rate, alpha_max = rates
     robot = RobotSpec(0.4, 1.5, 0.5, drive="differential", turn_rate=turn_rate, alpha_max=alpha_max)
-    blocked = np.zeros((50, 80), np.bool_)
-    blocked[:, 79] = True
-    scenario = Scenario(World(Grid(blocked, 0.2)), (15.8 - 0.45, 5.1), (4.1, 5.1), robot=robot, horizon=40.0)
-    assert run(scenario, "antway", seed=1).reached
+    blocked = np.zeros((100, 160), np.bool_)
+    blocked[:, 0] = True
+    task = Task(Grid(blocked, 0.1), robot, (0.55, 5.0), (6.0, 5.0), 0.4)
+    policy, state = AntwayPolicy(), RobotState(0.55, 5.0, math.pi, 0.0, 0.0)
+    policy.reset(task, 0)
+    for k in range(150):
+        heading = state.theta
+        velocity = state.a * math.cos(heading), state.a * math.sin(heading)
+        command = policy.act(Observation(k * robot.dt, (state.x, state.y), velocity, heading, NOBODY, turn_rate=state.b))
+        assert command.twist is not None
+        state = drive_cycle(state, *command.twist, robot.limits, robot.dt)
+        assert state.x >= 0.1 + robot.radius
+        if math.dist((state.x, state.y), task.goal) <= task.goal_tolerance:
+            break
+    assert math.dist((state.x, state.y), task.goal) <= task.goal_tolerance
