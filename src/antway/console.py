@@ -283,7 +283,7 @@ def print_table(summaries: list[tuple[str, dict[str, Any]]]) -> None:
             _shown(n["time"], ".1f", " s"),
             _shown(n["length"], ".2f", " m"),
             _shown(n["shortest"], ".2f", " m"),
-            _shown(n["length_ratio"] and 100 * (n["length_ratio"] - 1), "+.1f", " %"),
+            _shown(n["length_ratio"] and round(100 * (n["length_ratio"] - 1), 1) + 0.0, "+.1f", " %"),
             str(n["waits"]),
             str(n["replans"]),
             _shown(n["min_clearance"], ".2f", " m"),

@@ -125,7 +125,7 @@ def write_episode(result: EpisodeResult, folder: Path, *, beside: Sequence[Episo
 
         figures.save(rounds_figure(trace), folder / "rounds.png")
     first, *rest = (*others, trace)
-    path = figures.shortest(trace.task)
+    path = figures.global_path(trace)
     write_animation(first, folder / "demo.gif", beside=rest, shortest=path, width=360 if rest else 480)
     write_replay(first, folder / "replay.html", beside=rest, shortest=path)
     return numbers
@@ -143,10 +143,10 @@ def write_figures(trace: Trace, folder: Path) -> None:
     """Write pictures of the initial path, an encounter before and during avoidance, and the driven path."""
     from antway.view import figures
 
-    path, (meet, avoid) = figures.shortest(trace.task), figures.moments(trace)
+    path, (meet, avoid) = figures.global_path(trace), figures.moments(trace)
     if trace.policy == "paper":
         ends, title = (trace.task.start, trace.task.goal), "Global shortest path, by Dijkstra's algorithm"
-        first = figures.plan_figure(trace.task.grid, path, ends=ends, title=title)
+        first = figures.plan_figure(trace.task.grid, figures.shortest(trace.task), ends=ends, title=title)
     else:
         first = figures.moment_figure(trace, 0, title=f"Policy {trace.policy} sets out", path=path, pheromone=True)
     before, comes = trace.decision_at(meet), len(trace.obstacle_id) > 0

@@ -37,7 +37,7 @@ def write_view(trace_file: str | Path, out: str | Path, *, at: float | None = No
     if at is not None and out.suffix.lower() not in PICTURES:
         raise BadParameter("at", at, f"left out, except for a picture ({', '.join(PICTURES)})")
     trace = Trace.load(trace_file)
-    path = figures.shortest(trace.task)
+    path = figures.global_path(trace)
     if out.suffix.lower() == ".html":
         return write_replay(trace, out, shortest=path)
     if out.suffix.lower() in (".gif", ".mp4"):

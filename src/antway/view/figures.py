@@ -19,14 +19,14 @@ from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.planning import Plan
 from antway.view import style
-from antway.view.moments import decision_at, in_words, meeting, moments, shortest, title_of
+from antway.view.moments import decision_at, global_path, in_words, meeting, moments, shortest, title_of
 from antway.view.packing import faint_scale
 from antway.view.style import save
 from antway.world.policy import Decision
 from antway.world.trace import Trace
 
 __all__ = ["convergence_figure", "final_figure", "moment_figure", "moments", "plan_figure", "save", "shortest"]
-__all__ += ["meeting", "strip_figure", "title_of", "tour_figure"]
+__all__ += ["global_path", "meeting", "strip_figure", "title_of", "tour_figure"]
 
 HORIZON = 3.0  # s; time for which predictions are drawn
 
@@ -125,6 +125,7 @@ def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final 
     every = max(1, round(5.0 / trace.task.robot.dt))
     marks = trace.xy[every::every]
     axes.plot(*marks.T, "o", color="white", markeredgecolor=style.BLUE, markersize=4, label="every 5 s", zorder=4.5)
+    _draw_stops(axes, trace)
     draw_ends(axes, trace.task.start, trace.task.goal)
     axes.set_title(f"{title}: {trace.outcome.value.replace('-', ' ')}")
     style.legend_below(axes, columns=3)
@@ -249,10 +250,20 @@ def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, pheromo
     _draw_obstacle_labels(axes, trace, step)
     _draw_numbers(axes, trace, step)
     style.draw_path(axes, trace.xy[: step + 1], style.BLUE, 2.2, label="driven", zorder=4)
+    _draw_stops(axes, trace)
     draw_ends(axes, task.start, task.goal)
     _disc(axes, trace.xy[step], task.robot.radius, style.BLUE, zorder=6, label="robot")
     nose = trace.xy[step] + task.robot.radius * np.array([np.cos(trace.heading[step]), np.sin(trace.heading[step])])
     axes.plot(*np.array([trace.xy[step], nose]).T, color="white", linewidth=1.2, zorder=6.5)
+
+
+def _draw_stops(axes: Axes, trace: Trace) -> None:
+    """Draw the stops of an episode, if it has any."""
+    if trace.rounds is not None:
+        at = np.array([stop.at for stop in trace.rounds.stops])
+        axes.plot(
+            *at.T, "D", color="white", markeredgecolor=style.ORANGE, markeredgewidth=1.6, markersize=7, label="stop", zorder=3
+        )
 
 
 def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:

@@ -25,6 +25,11 @@ def shortest(task: Task) -> Plan:
     return Plan(Status.FOUND, cells.astype(np.int32), length, True, lower_bound=length)
 
 
+def global_path(trace: Trace) -> Plan | None:
+    """Return the shortest path of an episode's task; None with stops, which it does not pass."""
+    return None if trace.rounds is not None else shortest(trace.task)
+
+
 def moments(trace: Trace) -> tuple[int, int]:
     """Return two steps to show: (shortly before an encounter, while avoiding the obstacle).
 

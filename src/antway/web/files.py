@@ -183,13 +183,13 @@ def scenario_file(scenario: Scenario) -> dict[str, Any]:
 def exported(what: str, trace: Trace) -> dict[str, Any]:
     """Return a trace, its replay page or its animation (`what` is one of `EXPORTS`) as a file."""
     from antway.view.animation import write_animation
-    from antway.view.figures import shortest
+    from antway.view.figures import global_path
     from antway.view.replay import replay_page
 
     name = f"{stem(trace.scenario)}-{trace.policy}"
     if what == "trace":
         return as_file(f"{name}.json", "application/json", to_json(trace))
-    path = shortest(trace.task)
+    path = global_path(trace)
     if what == "replay":
         return as_file(f"{name}.html", "text/html", replay_page(trace, shortest=path))
     with tempfile.TemporaryDirectory(prefix="antway-") as folder:

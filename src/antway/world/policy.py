@@ -217,7 +217,7 @@ class Observation:
     tracks: Tracks
     stamp: float = math.nan  # s; NaN: sensed now; at most 0.05 s later than t, else the robot brakes
     turn_rate: float = 0.0  # rad/s
-    pending: NDArray[np.float64] | None = None  # float64[M, 2]; commands that do not act yet (latency), oldest first
+    pending: NDArray[np.float64] | None = None  # float64[M, 2]; commands that do not act yet, oldest first; None: not told
 
     def __post_init__(self) -> None:
         for name in ("t", "heading", "stamp", "turn_rate"):
