@@ -121,7 +121,7 @@ def test_a_figure_looks_as_it_did(drawn: dict[str, Figure], name: str, tmp_path:
 
 
 def test_what_is_missing_is_seen(drawn: dict[str, Figure]) -> None:
-    """The comparison tells all figures apart, and a figure from the same one without its path or tubes, or a little later."""
+    """The comparison tells all figures apart, and a figure from the same one without its path or pheromone, or later."""
     images = {name: raster(figure) for name, figure in drawn.items()}
     for a in images:
         assert all(unlike(images[a], images[b]) > SHARE for b in images if b != a), a
@@ -129,7 +129,7 @@ def test_what_is_missing_is_seen(drawn: dict[str, Figure]) -> None:
     path = figures.shortest(trace.task)
     options: dict[str, Any] = {"title": "Going round it", "path": path, "pheromone": True}
     whole = raster(figures.moment_figure(trace, 50, **options))
-    for step, change in ((50, {"path": None}), (50, {"prediction": False}), (50, {"pheromone": False}), (54, {})):
+    for step, change in ((50, {"path": None}), (50, {"pheromone": False}), (54, {})):
         assert unlike(raster(figures.moment_figure(trace, step, **{**options, **change})), whole) > SHARE, (step, change)
 
 

@@ -207,7 +207,7 @@ def test_the_tracker_names_and_measures():
 
 def test_nameless_tracks_are_told_apart_by_nearness() -> None:
     """Two crossing discs without names keep their own velocities; one that vanishes is forgotten after a second."""
-    tracker, nan = Tracker(noise=0.01), np.full((2, 2), math.nan)
+    tracker, nan = Tracker(), np.full((2, 2), math.nan)
     for i in range(40):
         t = i * 0.1
         xy = np.array([[-2.0 + t, 0.0], [0.6, -2.0 + t]])

@@ -219,7 +219,7 @@ class Grid:
 
         Examples
         --------
-        >>> Grid(np.zeros((3, 4)), resolution=0.5, origin=(1.0, 0.0, 0.0)).bounds().tolist()
+        >>> Grid(np.zeros((3, 4), dtype=bool), resolution=0.5, origin=(1.0, 0.0, 0.0)).bounds().tolist()
         [[1.0, 0.0], [3.0, 1.5]]
         """
         rows, cols = self.shape

@@ -78,7 +78,7 @@ def explain(
         reason = f"{kind} with {whom}, {met}: {does}, {f'+{late:.1f} s' if late < math.inf else 'no path found'}"
         alternatives = Weighed(now, k, kind, velocity, (does, late), how)
     elif late > _LATE:
-        reason = "a detour around what moves" if len(now.estimates) else "no faster motion is known"
+        reason = "a detour around what moves" if late < math.inf else "no motion that gets nearer to the goal is known"
     if guard in _STEPS or guard == "slowed":
         reason += f"; guard: {guard}"
     return Decision(
