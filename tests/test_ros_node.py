@@ -35,6 +35,10 @@ def arguments(settings: dict) -> list[str]:
     return ["--ros-args", *(part for name, value in settings.items() for part in ("-p", f"{name}:={json.dumps(value)}"))]
 
 
+class Crashed(AssertionError):
+    """A script of tests/ros was ended by a signal: the client of rclpy crashed, which happens on a busy machine."""
+
+
 def script(name: str, *options: object, timeout: float = 300) -> dict:
     """Run a script of tests/ros; returns the JSON object that it prints last."""
     done = subprocess.run(
@@ -44,6 +48,8 @@ def script(name: str, *options: object, timeout: float = 300) -> dict:
         text=True,
         timeout=timeout,
     )
+    if done.returncode < 0:
+        raise Crashed(f"{name} was ended by signal {-done.returncode}\n{done.stdout}{done.stderr}")
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads(done.stdout.splitlines()[-1])
 
@@ -51,7 +57,15 @@ def script(name: str, *options: object, timeout: float = 300) -> dict:
 def beside(
     command: list[str], settings: dict, path: Path, name: str, *options: object, stubs: bool = False, timeout: float = 300
 ) -> dict:
-    """Run a script of tests/ros beside a node, which ends well when it is told to."""
+    """Run a script of tests/ros beside a node, which ends well when it is told to; once more if the script itself crashes."""
+    try:
+        return _beside(command, settings, path, name, *options, stubs=stubs, timeout=timeout)
+    except Crashed as crash:
+        print(f"again, beside a new node: {crash}")
+        return _beside(command, settings, path, name, *options, stubs=stubs, timeout=timeout)
+
+
+def _beside(command: list[str], settings: dict, path: Path, name: str, *options: object, stubs: bool, timeout: float) -> dict:
     log = path / "node.log"
     with log.open("w") as out:
         node = subprocess.Popen(
@@ -63,7 +77,7 @@ def beside(
         try:
             result = script(name, *options, timeout=timeout)
         except AssertionError as error:
-            raise AssertionError(f"{error}\nthe node's log:\n{log.read_text()[-3000:]}") from None
+            raise type(error)(f"{error}\nthe node's log:\n{log.read_text()[-3000:]}") from None
         finally:
             node.terminate()
             status = node.wait(timeout=60)
