@@ -7,6 +7,7 @@ tests them. After a wanted change: `python tests/test_pictures.py` writes them a
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +122,7 @@ def test_a_figure_looks_as_it_did(drawn: dict[str, Figure], name: str, tmp_path:
 
 
 def test_what_is_missing_is_seen(drawn: dict[str, Figure]) -> None:
-    """The comparison tells all figures apart, and a figure from the same one without its path or pheromone, or later."""
+    """The comparison tells all figures apart, and a figure from the same one without its path, pheromone or tubes, or later."""
     images = {name: raster(figure) for name, figure in drawn.items()}
     for a in images:
         assert all(unlike(images[a], images[b]) > SHARE for b in images if b != a), a
@@ -129,6 +130,8 @@ def test_what_is_missing_is_seen(drawn: dict[str, Figure]) -> None:
     path = figures.shortest(trace.task)
     options: dict[str, Any] = {"title": "Going round it", "path": path, "pheromone": True}
     whole = raster(figures.moment_figure(trace, 50, **options))
+    bare = replace(trace, decisions=tuple((step, replace(one, predicted=None)) for step, one in trace.decisions))
+    assert unlike(raster(figures.moment_figure(bare, 50, **options)), whole) > SHARE, "without tubes"
     for step, change in ((50, {"path": None}), (50, {"pheromone": False}), (54, {})):
         assert unlike(raster(figures.moment_figure(trace, step, **{**options, **change})), whole) > SHARE, (step, change)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import warnings
 from itertools import pairwise
 from pathlib import Path
 
@@ -26,7 +27,7 @@ pytestmark = pytest.mark.skipif(not (BIN / ".ready").exists(), reason="no ROS 2 
 
 def environment(*paths: Path) -> dict[str, str]:
     """A domain of this process's own, on this machine alone; with `paths` to import from."""
-    own = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+    own = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % 100), "PYTHONFAULTHANDLER": "1"}
     return os.environ | own | {"PYTHONPATH": os.pathsep.join(filter(None, [*map(str, paths), os.environ.get("PYTHONPATH")]))}
 
 
@@ -36,7 +37,7 @@ def arguments(settings: dict) -> list[str]:
 
 
 class Crashed(AssertionError):
-    """A script of tests/ros was ended by a signal: the client of rclpy crashed, which happens on a busy machine."""
+    """A script of tests/ros was ended by a signal: rclpy's native code crashed under it, which was seen once."""
 
 
 def script(name: str, *options: object, timeout: float = 300) -> dict:
@@ -61,7 +62,7 @@ def beside(
     try:
         return _beside(command, settings, path, name, *options, stubs=stubs, timeout=timeout)
     except Crashed as crash:
-        print(f"again, beside a new node: {crash}")
+        warnings.warn(f"a script crashed and was started again, beside a new node: {crash}", stacklevel=2)
         return _beside(command, settings, path, name, *options, stubs=stubs, timeout=timeout)
 
 

@@ -90,25 +90,31 @@ def check_planner(planner: Planner) -> None:
     open_[4:, 8], open_[:20, 16], closed[:, 12] = True, True, True
     problem = Problem(Grid(open_), (2, 2), (20, 21))
     before = _global_state()
-    plans = [planner(problem, seed=seed, budget=Budget()) for seed in (5, 6, 5)]
-    if not all(isinstance(plan, Plan) for plan in plans):
-        raise InvalidPlan([f"it returns {plans[0]!r:.60}, not a Plan"])
+    plans = [_answer(planner, problem, seed=seed) for seed in (5, 6, 5)]
     if _global_state() != before:
         faults.append("global state: it changes the random state of NumPy or of Python")
     faults += _plan_faults("", problem, plans[0], Status.FOUND)
     if not np.array_equal(plans[0].cells, plans[2].cells):
         faults.append("seeding: the same problem and seed have two answers")
     walled = Problem(Grid(closed), (2, 2), (2, 21))
-    faults += _plan_faults("unreachable: ", walled, planner(walled, seed=5, budget=Budget()), Status.NO_PATH)
+    faults += _plan_faults("unreachable: ", walled, _answer(planner, walled), Status.NO_PATH)
     here = Problem(problem.grid, (2, 2), (2, 2))
-    faults += _plan_faults("start at the goal: ", here, planner(here, seed=5, budget=Budget()), Status.FOUND)
+    faults += _plan_faults("start at the goal: ", here, _answer(planner, here), Status.FOUND)
     started = time.perf_counter()
-    late = planner(problem, seed=5, budget=Budget(seconds=0.0))
+    late = _answer(planner, problem, seconds=0.0)
     if time.perf_counter() - started > OVERRUN:
         faults.append("time limit: it goes on after its time is spent")
     faults += _plan_faults("out of budget: ", problem, late, late.status)
     if faults:
         raise InvalidPlan(faults)
+
+
+def _answer(planner: Planner, problem: Problem, *, seed: int = 5, seconds: float | None = None) -> Plan:
+    """Return the answer of a planner."""
+    plan: object = planner(problem, seed=seed, budget=Budget(seconds=seconds))
+    if not isinstance(plan, Plan):
+        raise InvalidPlan([f"it returns {plan!r:.60}, not a Plan"])
+    return plan
 
 
 def _plan_faults(what: str, problem: Problem, plan: Plan, status: Status) -> list[str]:

@@ -232,12 +232,13 @@ class _Reader:
             if name in robot:
                 plain = name in ("footprint", "dynamics") or robot[name] is None
                 values[name] = robot[name] if plain else self.real(f"task.robot.{name}", robot[name])
+        x, y, yaw = (self.real("task.grid.origin", part) for part in self.listed("task.grid.origin", grid["origin"], 3))
         try:
             return Task(
                 grid=Grid(
                     self.unpack("task.grid.blocked", grid["blocked"], "|b1", 2),
                     self.real("task.grid.resolution", grid["resolution"]),
-                    tuple(self.real("task.grid.origin", part) for part in self.listed("task.grid.origin", grid["origin"], 3)),  # type: ignore[arg-type]
+                    (x, y, yaw),
                     None if grid["unknown"] is None else self.unpack("task.grid.unknown", grid["unknown"], "|b1", 2),
                     grid.get("top_first", False),
                 ),

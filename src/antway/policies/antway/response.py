@@ -193,14 +193,12 @@ class Response:
 
         Speeds that are wrong are replaced by those that fit its places, and a turn rate that is not measured by that foretold.
         """
-        o = self.odometry.completed(o, self.seen[-1])
-        return self.with_pending(o) if self.robot is self.declared else self._with_own(o)
+        return self.with_pending(self.odometry.completed(o, self.seen[-1]))
 
     def with_pending(self, o: Observation) -> Observation:
-        """Return the observation with the commands that do not act yet; where it does not tell them, those recorded."""
-        return self._with_own(o) if o.pending is None and self.robot.latency > 0.0 else o
-
-    def _with_own(self, o: Observation) -> Observation:
+        """Return the observation with the commands that do not act yet: those recorded, unless it tells them as declared."""
+        if self.robot is self.declared and (o.pending is not None or self.robot.latency == 0.0):
+            return o
         late = math.ceil(self.robot.latency / self.robot.dt - 1e-9)
         return replace(o, pending=self.commands[len(self.commands) - late :].copy())
 
