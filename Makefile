@@ -2,6 +2,10 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+# Python compiles the few modules that are used when it imports them; pip would compile all of them, for half of its time.
+PIP    := -m pip install --quiet --no-compile --disable-pip-version-check
+# Many processes start here; each of them would compile the sources anew where an environment says that bytecode is not written.
+export PYTHONDONTWRITEBYTECODE :=
 CORE   := $(VENV)/.core
 READY  := $(VENV)/.ready
 
@@ -10,12 +14,12 @@ READY  := $(VENV)/.ready
 $(CORE): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing antway into $(VENV) ..."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@$(BIN)/python $(PIP) --editable .
 	@touch $@
 
 $(READY): $(CORE)
 	@echo "installing the development tools into $(VENV) ..."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[web,arena,bags,docs,dev]'
+	@$(BIN)/python $(PIP) --editable '.[web,arena,bags,docs,dev]'
 	@touch $@
 
 demo: $(CORE)
@@ -36,7 +40,7 @@ ROS := ros-rclpy[fastrtps]==9.1.2 ros-nav-msgs ros-sensor-msgs ros-geometry-msgs
 ros:
 	@test "$$(cat .venv-ros/bin/.ready 2>/dev/null)" = "$(ROS)" \
 	|| { echo "installing ROS 2 into .venv-ros for its tests ..." && $(PYTHON) -m venv .venv-ros \
-	     && .venv-ros/bin/python -m pip install --quiet --disable-pip-version-check $(patsubst %,'%',$(ROS)) --editable . 2>/dev/null \
+	     && .venv-ros/bin/python $(PIP) $(patsubst %,'%',$(ROS)) --editable . 2>/dev/null \
 	     && echo "$(ROS)" > .venv-ros/bin/.ready; } \
 	|| echo "no ROS 2 wheels for this machine, or no network: the tests of the ROS 2 node will be skipped"
 
@@ -57,12 +61,9 @@ test:
 	@$(MAKE) --no-print-directory -j4 warm browser ros check
 	@$(MAKE) --no-print-directory tests
 
-# Many tests start processes; each of them compiles the sources anew where an environment says that bytecode is not written.
-warm tests nightly: export PYTHONDONTWRITEBYTECODE :=
-
-# Three workers on two cores: many tests wait for processes, pages and sockets.
+# Three workers on two cores: many tests wait for processes, pages and sockets. conftest.py says which files begin.
 tests: $(READY)
-	$(BIN)/python -m pytest -n 3 --dist loadfile -rs
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -rs
 
 nightly: $(READY) browser ros
 	ANTWAY_TEST_SCALE=100 $(BIN)/python -m pytest -n 2 --dist loadfile -rs
