@@ -147,7 +147,8 @@ def load_scenario(path: str | Path) -> Scenario:
     `robot` is a table, or the name of a robot that antway knows (`antway.world.robots.ROBOTS`). Instead of `radius` a robot may
     have a `footprint`, a list of corners [x, y] in m relative to its centre of rotation. Guard and contact tests use the turned
     footprint. Planning uses the disc around it, which is safe for any heading but misses paths that need a certain heading;
-    policy `antway` then plans for a smaller disc, and passes such places lengthwise.
+    policy `antway` then plans for a smaller disc, and passes such places lengthwise, or where a robot that cannot turn fits
+    through in the heading that it has.
 
     Raises
     ------

@@ -228,3 +228,13 @@ def fits_near(x: float, y: float, far: float, body: Body, walls: Walls) -> bool:
                 if _clear_of_walls(state, body, walls):
                     return True
     return False
+
+
+@bare_kernel
+def fits_at(x0: float, y0: float, step: float, heading: float, body: Body, walls: Walls, fits: NDArray[np.bool_]) -> None:
+    """Write for places in rows and columns `step` m apart, from (x0, y0) on, whether the body fits there in this heading."""
+    for row in range(fits.shape[0]):
+        for col in range(fits.shape[1]):
+            state = RobotState(x0 + col * step, y0 + row * step, heading, 0.0, 0.0)
+            far = free_distance(walls, state.x, state.y) >= body.radius
+            fits[row, col] = far or _clear_of_walls(state, body, walls)

@@ -53,6 +53,14 @@ class Snapshot:
         """Return the time to the goal without moving obstacles, s."""
         return float(free_time(self.context, *self.xy, self.settings.colony.leg_cells))
 
+    def is_cut_off(self) -> bool:
+        """Tell whether the robot can stand at nodes near it, and none of them has a path to the goal."""
+        c, (x, y), far = self.context, self.xy, self.settings.colony.leg_cells
+        row, col = round((y - c.y0) / c.resolution), round((x - c.x0) / c.resolution)
+        near = np.s_[max(row - far, 0) : max(row + far + 1, 0), max(col - far, 0) : max(col + far + 1, 0)]
+        legal, field = (each.reshape(c.rows, c.cols)[near] for each in (c.legal, c.field))
+        return bool(legal.any() and np.isinf(field[legal > 0]).all())
+
     def segments_of(self, k: int) -> NDArray[np.float64]:
         """Return the prediction of track k alone, in order of time."""
         s, out, one = self.settings, np.empty((256, 8)), slice(k, k + 1)

@@ -49,6 +49,8 @@ def explain(
     memory : Memory
         Memory in which the ants search.
     """
+    if now.is_cut_off():
+        return Decision("stuck", "the map has no path to the goal for this robot", guard=guard, pheromone=pheromone)
     if path is None:
         return Decision("wait", "no motion is safe at the moment: stand", guard=guard, pheromone=pheromone)
     velocity = _velocity(path, now.now)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from antway.errors import CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.jit import call
-from antway.kernels.robot.brake import DEEPEST, fits_near
+from antway.kernels.robot.brake import DEEPEST, fits_at, fits_near
+from antway.kernels.robot.sweep import enlarged
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.moves import move_mask
 from antway.planning import standing_cell
@@ -30,10 +31,63 @@ _WALL_MARGIN = 0.05  # m; robots with inertia keep this from walls where they ca
 _FINE = 0.4  # 1; such robots need cells that are no larger than this share of the radius
 _SPARSE = 0.5  # 1; nodes of the plan of a robot that follows it are no farther apart than this share of the radius, or a cell
 _LONGER = 1.02  # 1; paths between fewer nodes may take this times as long
+_TURNED = 0.05  # rad; where a robot cannot turn but is turned by more than this, it is planned for anew
 _ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, where one of them is too near to a wall
 
 
-def planning_contexts(task: Task, moves: Moves) -> tuple[PlanningContext, PlanningContext]:
+Contexts = tuple[PlanningContext, PlanningContext]
+
+
+def contexts_for(task: Task, moves: Moves, heading: float) -> tuple[Contexts, Contexts | None]:
+    """Return the contexts of `planning_contexts`, and those of `narrow_contexts`.
+
+    With a `heading`, rad, they are for a robot that keeps its footprint in that heading; NaN stands for none.
+
+    Raises
+    ------
+    OutOfBounds, CellBlocked
+        If the robot does not fit at the start or at the goal.
+    """
+    wide = planning_contexts(task, moves)
+    narrow = narrow_contexts(task, moves, wide[0].radius)
+    if math.isnan(heading):
+        return wide, narrow
+    far, kept = narrow or wide
+    kept = in_heading(task, kept, heading, moves)
+    turned = in_heading(task, far, heading, moves) if far.resolution > kept.resolution else kept, kept
+    return turned, narrow and turned
+
+
+def is_turned(robot: RobotSpec, before: float, heading: float) -> bool:
+    """Tell whether a robot that cannot turn has another heading than that `before`, rad, for which its contexts are."""
+    keeps = not robot.wheels and robot.footprint is not None
+    return keeps and not abs(math.remainder(heading - before, math.tau)) <= _TURNED
+
+
+def in_heading(task: Task, context: PlanningContext, heading: float, moves: Moves) -> PlanningContext:
+    """Return the context with those nodes alone where the footprint fits in this heading, with a margin where a path keeps it.
+
+    If it does not fit at the node of the goal, paths end at the nearest node where it does.
+    """
+    c, cells = context, (context.rows, context.cols)
+    x, y = c.x0 + np.arange(c.cols) * c.resolution, (c.y0 + np.arange(c.rows) * c.resolution)[:, None]
+    fits = np.empty((2, *cells), np.bool_)
+    for margin, found in zip((_WALL_MARGIN, 0.0), fits, strict=True):
+        body = enlarged(body_of(task.robot), margin)
+        call(fits_at, c.x0, c.y0, c.resolution, float(heading), body, walls_of(task.grid), found)
+    to_goal, to_start = (np.hypot(x - xy[0], y - xy[1]) for xy in (task.goal, task.start))
+    fits[0] |= fits[1] & (np.minimum(to_goal, to_start) <= _ENDS)
+    goal = c.goal if fits[1].flat[c.goal] else int(np.where(fits[1], to_goal, math.inf).argmin())
+    for found in fits:
+        legal = np.where(found, c.legal.reshape(cells), np.uint32(0))
+        field = timed_field(legal, moves, divmod(goal, c.cols), scale=c.resolution / c.speed)
+        context = c._replace(legal=legal.ravel(), field=field.ravel(), goal=goal)
+        if math.isfinite(_time_from(context, task.grid, task.grid.cell_at(task.start))):
+            break
+    return context
+
+
+def planning_contexts(task: Task, moves: Moves) -> Contexts:
     """Return the planning context between nodes at distances that suit the robot, and that between all cells of the task.
 
     The errors are those of `planning_context`.
@@ -43,7 +97,7 @@ def planning_contexts(task: Task, moves: Moves) -> tuple[PlanningContext, Planni
     return with_far_nodes(task, over_cells, kept, start, goal, moves), kept
 
 
-def narrow_contexts(task: Task, moves: Moves, radius: float) -> tuple[PlanningContext, PlanningContext] | None:
+def narrow_contexts(task: Task, moves: Moves, radius: float) -> Contexts | None:
     """Return the contexts of `planning_contexts` for a disc whose diameter is the smallest width of the footprint.
 
     None if that disc is not smaller than one of `radius` m, or does not fit at the start or at the goal.

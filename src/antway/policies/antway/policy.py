@@ -27,7 +27,7 @@ from antway.policies.antway.alternatives import Snapshot
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain, wait_of
-from antway.policies.antway.nodes import narrow_contexts, on_cells, planning_contexts, with_fine_cells
+from antway.policies.antway.nodes import contexts_for, is_turned, on_cells, with_fine_cells
 from antway.policies.antway.response import Response, tops
 from antway.policies.antway.settings import make_settings
 from antway.policies.antway.state import (
@@ -145,6 +145,7 @@ class AntwayPolicy:
 
         self.state: State | None = None
         self._in_common = False
+        self._heading = math.nan  # rad; that which a robot keeps that cannot turn; NaN: not known, or it turns
 
     @property
     def task(self) -> Task:
@@ -164,6 +165,7 @@ class AntwayPolicy:
         OutOfBounds, CellBlocked
             If the robot does not fit at the start or at the goal.
         """
+        self._heading = math.nan
         self._start(task, seed, Response(task.robot))
         if self.guard:
             self.guard.reset(task)
@@ -172,10 +174,8 @@ class AntwayPolicy:
         """Make the state of an episode, or of the rest of one in which the state was another `before`."""
         robot, controls, tracker = task.robot, None, Tracker(self.mode == "strict")
         fine = task if robot.stepwise else with_fine_cells(task)
-        context, kept = planning_contexts(fine, self.moves)
-        narrow, radius = narrow_contexts(fine, self.moves, context.radius), robot.radius
-        if narrow is not None:
-            context, radius = narrow[0], narrow[0].radius
+        (context, kept), narrow = contexts_for(fine, self.moves, self._heading)
+        context, radius = (narrow[0], narrow[0].radius) if narrow else (context, robot.radius)
         settings = make_settings(self, task, radius)
         paces = full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
         if not robot.stepwise:
@@ -216,6 +216,10 @@ class AntwayPolicy:
         """
         as_sensed = self._learn_response(check_observation(observation))
         s = self._state
+        if is_turned(s.task.robot, self._heading, observation.heading):
+            self._heading = observation.heading
+            self._start(s.task, s.seed, s.response, s)
+            s = self._state
         doubted = s.tracker.doubts_velocities
         observation = s.tracker.corrected(as_sensed)
         if s.tracker.doubts_velocities != doubted:  # predictions were from other velocities
@@ -271,8 +275,8 @@ class AntwayPolicy:
         s.tracker.compare(t, s.terrain, s.crowd.changes)
         estimates = s.tracker.estimates
         # A track that is not in this scan may have turned back at the edge already.
-        outside = len(estimates) > 0 and s.settings.tubes.edges and self._crosses_edge(estimates)
-        if outside and self._crosses_edge(s.tracker.seen_at(t)):
+        outside = len(estimates) > 0 and s.settings.tubes.edges and call(crosses_edge, estimates, s.terrain)
+        if outside and call(crosses_edge, s.tracker.seen_at(t), s.terrain):
             s.settings = without_edges(s.settings)
         if self.mode == "strict":
             s.crowd.averaged[: len(estimates)] = estimates
@@ -291,10 +295,6 @@ class AntwayPolicy:
             drop_plan(s.plan)
             if s.controls is not None:
                 s.controls.set_times(s.detours.times[1])
-
-    def _crosses_edge(self, estimates: NDArray[np.float64]) -> bool:
-        """Tell whether an obstacle crosses an edge of the map."""
-        return call(crosses_edge, estimates, self._state.terrain)
 
     def _follow_plan(self, o: Observation) -> tuple[Command, int]:
         """Plan; return the command that follows the plan, and what was done with the plan."""

@@ -1,0 +1,103 @@
+"""A holonomic robot with a footprint cannot turn: it is planned for in the heading that it keeps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from antway import Grid, Outcome, RobotSpec, Scenario, Task, World, check_episode, run
+from antway.kernels.robot.brake import fits_at
+from antway.policies.antway.nodes import is_turned
+from antway.policies.antway.policy import AntwayPolicy
+from antway.world.policy import Observation, Tracks
+from antway.world.robots import load_robot
+from antway.world.terrain import body_of, walls_of
+from common import cases
+from naive import motion as twin
+
+LONG = RobotSpec(drive="holonomic", footprint=((0.5, 0.25), (-0.5, 0.25), (-0.5, -0.25), (0.5, -0.25)), sensor_range=6.0)
+
+
+def rooms(*doors: tuple[str, float, float]) -> Grid:
+    """Two rooms of 6 x 4 m on the left and one of 6 x 8 m on the right; doors are in the wall across x ("x") or y ("y")."""
+    blocked = np.zeros((160, 240), np.bool_)
+    blocked[:, 118:122] = True
+    blocked[78:82, :118] = True
+    for across, low, high in doors:
+        part = slice(round(low / 0.05), round(high / 0.05))
+        blocked[(part, slice(118, 122)) if across == "x" else (slice(78, 82), part)] = False
+    return Grid(blocked, 0.05)
+
+
+@pytest.mark.parametrize("a_max", [math.inf, 1.0])
+@pytest.mark.parametrize(
+    ("doors", "goal"),
+    [
+        ([("x", 1.5, 2.4)], (10.0, 2.0)),  # straight on
+        ([("x", 0.5, 1.35), ("y", 1.0, 2.2), ("x", 6.0, 7.5)], (10.0, 3.5)),  # lengthwise through a door of 0.85 m
+        ([("y", 2.0, 2.9)], (5.0, 6.0)),  # one that the robot passes only in this heading
+        ([("y", 2.0, 2.9), ("x", 1.4, 2.6), ("x", 5.4, 6.6)], (4.5, 6.0)),  # not through the other two, which are wider
+    ],
+)
+def test_doors_are_passed_where_the_footprint_fits(
+    doors: list[tuple[str, float, float]], goal: tuple[float, float], a_max: float
+) -> None:
+    """The robot takes the shortest way; it used to turn back before the last two, or to reach the goal after 20 and 36 s."""
+    scenario = Scenario(World(rooms(*doors)), (2.0, 2.0), goal, replace(LONG, a_max=a_max), horizon=60.0)
+    result = run(scenario, "antway", seed=0)
+    check_episode(result)
+    assert result.reached and result.time < 1.15 * math.dist((2.0, 2.0), goal) + 1.0
+
+
+@pytest.mark.parametrize("a_max", [math.inf, 1.0])
+def test_who_fits_nowhere_stands_and_says_so(a_max: float) -> None:
+    """In this heading the footprint is 1 m wide before a door of 0.7 m; the robot used to drive to and fro."""
+    grid = rooms(("x", 1.5, 2.2), ("y", 1.0, 3.0))
+    policy, scenario = AntwayPolicy(), Scenario(World(grid), (2.0, 1.0), (10.0, 7.0), replace(LONG, a_max=a_max), horizon=5.0)
+    result = run(scenario, policy, seed=0)
+    check_episode(result)
+    assert result.outcome is Outcome.TIMEOUT and result.length == 0.0
+    assert policy.explain().action == "stuck" and "no path" in policy.explain().reason
+
+
+@pytest.mark.parametrize("robot", ["holonomic", "inertia", "diff", "jackal", "amr"])
+def test_a_map_without_a_path_is_said_to_have_none(robot: str) -> None:
+    """A robot with wheels or inertia used to stand and say that the path is free."""
+    policy, scenario = AntwayPolicy(), Scenario(World(rooms()), (2.0, 2.0), (10.0, 4.0), load_robot(robot), horizon=2.0)
+    result = run(scenario, policy, seed=0)
+    check_episode(result)
+    assert result.length == 0.0
+    assert policy.explain().action == "stuck" and policy.explain().reason.startswith("the map has no path to the goal")
+
+
+def test_plans_are_for_the_heading_that_is_observed() -> None:
+    """In one heading the door is open, in the other it is shut, and back again."""
+    policy, task = AntwayPolicy(), Task(rooms(("x", 1.5, 2.4)), LONG, (2.0, 2.0), (10.0, 2.0))
+    policy.reset(task, seed=0)
+    finite = []
+    for k, heading in enumerate((0.0, 0.02, 0.5 * math.pi, -0.01)):
+        policy.act(Observation(0.1 * k, task.start, (0.0, 0.0), heading, Tracks.none()))
+        assert policy.state is not None
+        finite.append(math.isfinite(policy.state.context.field.reshape(policy.state.context.rows, -1)[:, :40].min()))
+    assert finite == [True, True, False, True]
+    assert is_turned(LONG, math.pi, -math.pi + 0.06) and not is_turned(LONG, math.pi, -math.pi + 0.04)
+    assert not is_turned(load_robot("amr"), 0.0, 1.0)
+
+
+def test_where_a_footprint_fits_is_where_it_is_clear_of_walls() -> None:
+    """Compared with the distance of the turned polygon from every blocked square and every edge of the map."""
+    rng, seen, corners = np.random.default_rng(5), [0, 0], np.array(LONG.footprint)
+    for _ in range(cases(20, 2000)):
+        grid, heading, fits = Grid(rng.random((24, 30)) < 0.012, 0.1), rng.uniform(-4.0, 4.0), np.empty((12, 15), np.bool_)
+        fits_at(0.05, 0.05, 0.2, heading, body_of(LONG), walls_of(grid), fits)
+        row, col = np.indices(fits.shape)
+        body = twin.body_at(corners, 0.05 + 0.2 * col, 0.05 + 0.2 * row, np.float64(heading))
+        gap = twin.wall_gap(body, grid.blocked, 0.1, 0.0)
+        clear = np.abs(gap) > 1e-6
+        np.testing.assert_array_equal(fits[clear], gap[clear] > 0.0)
+        seen[0] += (~fits).sum()
+        seen[1] += fits.sum()
+    assert min(seen) > 300
