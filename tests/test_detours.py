@@ -132,7 +132,8 @@ def test_times_are_the_least_of_waits_and_detours() -> None:
     estimates[0, (X, Y)], estimates[1, (X, Y)] = (8.0, 14.4), DOOR
     for t in np.arange(0.0, 33.1, 0.25).tolist():
         known = 2 if t >= 30.0 else 1
-        found.update(estimates[:known], np.full(known, t), t, (3.0, 4.0))
+        if counted := found.update(estimates[:known], np.full(known, t), t, (3.0, 4.0)):
+            found.adopt(counted())
     left = np.isfinite(context.field) & (np.arange(6400) % 80 < 35)
     least = np.minimum(near.field + 3.0, context.field + 33.0)  # through the near doorway, or the far one
     assert left.sum() > 1500 and found.times[0][left] == pytest.approx(least[left], abs=1e-9)

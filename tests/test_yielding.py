@@ -67,7 +67,8 @@ def goes(grid: Grid, at: XY, other: XY, came: float = 1.5) -> tuple[Task, list[t
     estimates[0, (NAME, RADIUS)] = 7, 0.25
     for t in np.arange(0.0, 30.1, 0.25).tolist():
         estimates[0, (X, Y)] = other[0] + math.copysign(max(abs(came) - t, 0.0), came), other[1]
-        found.update(estimates, np.full(1, t), t, at)
+        if counted := found.update(estimates, np.full(1, t), t, at):
+            found.adopt(counted())
         after = paths.next_task(now, found, t, at)
         if after is not now:
             changes.append((t, after))

@@ -18,7 +18,7 @@ from antway.kernels.controls.lookup import depth_in_wall
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead, spread_plan
 from antway.kernels.controls.path import same_path
-from antway.kernels.controls.problem import GOAL_SPEED, ControlProblem, CostWeights
+from antway.kernels.controls.problem import GOAL_SPEED, ControlProblem, CostWeights, StaticField
 from antway.kernels.controls.seeds import SEEDS
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
@@ -249,10 +249,13 @@ class ControlColony:
         self.problem = self.problem._replace(weights=weights)
         self.margins = self.margins._replace(margin=o.margin + spread)
 
-    def set_times(self, time_to_goal: NDArray[np.float64]) -> None:
-        """Drive from now on by other times to the goal, float64[H * W], s."""
+    def field_with(self, time_to_goal: NDArray[np.float64]) -> StaticField:
+        """Return the map as a field with other times to the goal, float64[H * W], s."""
+        return with_times(self.problem.field, self.task, time_to_goal.reshape(self.task.grid.shape))
+
+    def set_field(self, field: StaticField) -> None:
+        """Drive from now on by another field of times to the goal."""
         before, last = self.problem.field, self.problem.start
-        field = with_times(before, self.task, time_to_goal.reshape(self.task.grid.shape))
         self.problem = self.problem._replace(field=field)
         self.nearest += static_time(field, last) - static_time(before, last)
 

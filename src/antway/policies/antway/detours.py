@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,9 @@ from antway.kernels.tracking.stays import update_stays
 from antway.kernels.tracking.table import NAMED, SEEN, make_table, rows_in_use
 from antway.search.sipp import timed_field
 from antway.world.policy import XY
+
+Contexts = tuple[PlanningContext, ...]
+Times = tuple[Contexts, list[NDArray[np.float64]]]  # contexts, and for each float64[H * W], s
 
 _INTERVAL = 0.25  # s; scans are looked at as often as that
 _ROWS = 64  # limit of obstacles whose stays are known
@@ -54,35 +59,43 @@ class Detours:
         The time to the goal at the last scan, s.
     """
 
-    def __init__(
-        self, moves: Moves, contexts: tuple[PlanningContext, ...], narrow: tuple[PlanningContext, ...] | None = None
-    ) -> None:
+    def __init__(self, moves: Moves, contexts: Contexts, narrow: Contexts | None = None) -> None:
         self.moves, self.contexts, self.wide, self.narrow = moves, contexts, contexts, narrow or contexts
         self.times = [context.field for context in contexts]
         self.stays = make_table(_ROWS, stays.COLUMNS)
         self._expected: set[tuple[float, float]] = set()  # the stays that `times` count with
-        self.due, self.to_go = -math.inf, math.inf
+        self.due, self.to_go, self._xy = -math.inf, math.inf, (0.0, 0.0)
         self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
         # The times of the last two updates by the disc, the nodes, and those left out; they seldom change from one to the next.
         self._before: dict[tuple[float, tuple[int, int], bytes], NDArray[np.float64]] = {}
         self._known: dict[tuple[float, tuple[int, int], bytes], NDArray[np.float64]] = {}
 
-    def update(self, estimates: NDArray[np.float64], seen: NDArray[np.float64], t: float, xy: XY) -> bool:
-        """Take in the scan at time `t` s, when the robot is at `xy`; tell whether `times` have changed.
+    def update(
+        self, estimates: NDArray[np.float64], seen: NDArray[np.float64], t: float, xy: XY, busy: bool = False
+    ) -> Callable[[], Times] | None:
+        """Take in the scan at time `t` s, when the robot is at `xy`; return what computes other times, if they are to change.
 
         The estimates, float64[K, 8], are those of kernels/tracking/kalman.py; each was last `seen`, float64[K], at a time in s.
+        If `busy`, others are being computed already.
         """
-        self.due = t + _INTERVAL - 1e-6
+        self.due, self._xy = t + _INTERVAL - 1e-6, xy
         call(update_stays, self.stays, estimates, seen, t)
-        to_go = self.to_go = self._time_to_go(xy)
+        to_go = self.to_go = _time_to_go(self.contexts, self.times, xy)
+        if busy:
+            return None
         if self._expected and not self._expected <= _stays(rows_in_use(self.stays)):
-            return self._expect(t, xy, self.contexts)
+            return self._expect(t, self.contexts)
         if to_go < self._nearest - _PROGRESS or to_go < _ARRIVED:
             self._nearest, self._since = to_go, t
         if t - self._since < _STALLED - 1e-6:
-            return False
+            return None
         other = self.narrow if self.contexts is self.wide else self.wide
-        return self._expect(t, xy, other)
+        return self._expect(t, other)
+
+    def adopt(self, found: Times) -> None:
+        """Use other times from now on."""
+        self.contexts, self.times = found
+        self._nearest = _time_to_go(*found, self._xy)
 
     @property
     def expects(self) -> bool:
@@ -97,39 +110,26 @@ class Detours:
         """Return the first context with the times on the map alone; that given may be for another speed."""
         return context._replace(field=self.contexts[0].field * (self.contexts[0].speed / context.speed))
 
-    def _time_to_go(self, xy: XY) -> float:
-        """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite without one."""
-        context, (row, col) = self.contexts[-1], _row_col(self.contexts[-1], xy)
-        here = float(self.times[-1][node_near(context, xy)])
-        if math.isinf(here):
-            field = self.times[-1].reshape(context.rows, context.cols)
-            here = float(field[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2].min(initial=math.inf))
-        return here
-
-    def _expect(self, t: float, xy: XY, contexts: tuple[PlanningContext, ...]) -> bool:
-        """Count in these contexts with all that have stayed long enough by now; tell whether that changes anything."""
+    def _expect(self, t: float, contexts: Contexts) -> Callable[[], Times] | None:
+        """Return what computes times in these contexts with all that have stayed for long; None if nothing changes."""
         self._since = t
         rows = rows_in_use(self.stays)
         stay = rows[:, SEEN] - rows[:, stays.SINCE]
         long = stay >= _STALLED - 1e-6
         if not (long.any() or self.expects):
-            return False
+            return None
         self._expected = _stays(rows[long])
-        self._before, self._known = self._known, {}
-        self._count_with(rows[long], stay[long], self.wide, xy)
-        if self._expected and contexts is not self.wide:
-            needed = self._nearest
-            self._count_with(rows[long], stay[long], contexts, xy)
-            if self._nearest > needed - _PROGRESS:  # the narrow disc passes nothing that the wide one does not
-                self._count_with(rows[long], stay[long], self.wide, xy)
-        return True
+        return partial(self._counted, contexts if self._expected else self.wide, rows[long], stay[long], self._xy)
 
-    def _count_with(
-        self, rows: NDArray[np.float64], stay: NDArray[np.float64], contexts: tuple[PlanningContext, ...], xy: XY
-    ) -> None:
-        """Let `times` be those of these contexts, where these obstacles are expected to stay for `stay` s."""
-        self.contexts, self.times = contexts, [self._times(context, rows, stay) for context in contexts]
-        self._nearest = self._time_to_go(xy)
+    def _counted(self, contexts: Contexts, rows: NDArray[np.float64], stay: NDArray[np.float64], xy: XY) -> Times:
+        """Return the times where these obstacles are expected to stay for `stay` s: in `contexts` if they are shorter there."""
+        self._before, self._known = self._known, {}
+        found = self.wide, [self._times(context, rows, stay) for context in self.wide]
+        if contexts is not self.wide:
+            other = contexts, [self._times(context, rows, stay) for context in contexts]
+            if not _time_to_go(*other, xy) > _time_to_go(*found, xy) - _PROGRESS:
+                return other
+        return found
 
     def _times(self, context: PlanningContext, rows: NDArray[np.float64], stay: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the times to the goal where these obstacles are expected to stay for `stay` s.
@@ -156,6 +156,16 @@ class Detours:
             times = timed_field(mask, self.moves, goal, scale=size / context.speed).ravel()
         self._known[key] = times
         return times
+
+
+def _time_to_go(contexts: Contexts, times: list[NDArray[np.float64]], xy: XY) -> float:
+    """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite without one."""
+    context, (row, col) = contexts[-1], _row_col(contexts[-1], xy)
+    here = float(times[-1][node_near(context, xy)])
+    if math.isinf(here):
+        field = times[-1].reshape(context.rows, context.cols)
+        here = float(field[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2].min(initial=math.inf))
+    return here
 
 
 def without(context: PlanningContext, rows: NDArray[np.float64], xy: XY | None = None) -> NDArray[np.uint32]:

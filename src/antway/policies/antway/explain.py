@@ -4,23 +4,52 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.records import CONTACT_RADIUS, T0
 from antway.kernels.base.records import VY as VY_OF
+from antway.kernels.crossing import SEGMENT_COUNT
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
 from antway.planning import TimedPath
 from antway.policies.antway.alternatives import Snapshot, Weighed, manner
+from antway.policies.antway.state import State
 from antway.policies.antway.tracker import NAMELESS
 from antway.policies.encounter import closest_approach, encounter
 from antway.world.policy import XY, Decision
 
 _STEPS = {"braked": "brake", "stepped-aside": "step-aside"}
 _SHOWN = 6.0  # s; a decision contains the prediction up to this time ahead
+_STANDS = 1.0  # s; an explanation is renewed after this time, even if the plan stays
+_DOUBT = "the velocities of obstacles that the sensor reports do not fit their places and are not used"
 _LATE = 0.05  # s; a robot that loses less time than this is not held up
+
+
+def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.float32]] | None, memory: Memory) -> None:
+    """Make the explanation of the cycle that `s.cycle` tells of; `why` is the guard's reason, the rest is as in `explain`."""
+    assert s.cycle is not None, "act comes first"
+    (seen, arrival, bound), known = s.cycle, len(s.tracker.estimates)
+    t, (x, y) = float(seen.t), seen.xy
+    wait = 0.0 if s.path is None else wait_of(s.path, t)
+    s.until = t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
+    snapshot = Snapshot(
+        s.detours.without(s.context) if s.detours.expects else s.context,
+        s.settings,
+        s.terrain,
+        t,
+        float(seen.t - seen.sensed_at),
+        (float(x), float(y)),
+        s.crowd.averaged[:known].copy(),
+        s.crowd.prediction[:known].copy(),
+        s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
+    )
+    made = explain(snapshot, s.path, arrival - t, bound - t, s.guard_did, pheromone, memory)
+    doubt = _DOUBT if s.tracker.doubts_velocities else ""
+    notes = made.reason, why, str(s.yielding), str(s.dance), str(s.response), doubt
+    s.decision = replace(made, reason="; ".join(filter(None, notes)))
 
 
 def explain(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from statistics import NormalDist
 
 import numpy as np
@@ -23,17 +24,18 @@ from antway.kernels.spacetime.pheromone import window
 from antway.kernels.tracking.predict import crosses_edge
 from antway.kernels.tracking.prediction_error import distrust
 from antway.planning import TimedPath
-from antway.policies.antway.alternatives import Snapshot
+from antway.policies.antway.beside import Beside
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.detours import Detours
-from antway.policies.antway.explain import explain, wait_of
+from antway.policies.antway.explain import explain_cycle
 from antway.policies.antway.nodes import contexts_for, is_turned, on_cells, with_fine_cells
 from antway.policies.antway.response import Response, tops
 from antway.policies.antway.settings import make_settings
 from antway.policies.antway.state import (
+    Counted,
     State,
+    adapt_settings,
     carried_on,
-    drop_plan,
     fit_tables,
     full_and_careful,
     laid_trails,
@@ -41,6 +43,8 @@ from antway.policies.antway.state import (
     make_memory,
     make_plan,
     make_trails,
+    other_times,
+    set_times,
     shared_memory,
     without_edges,
 )
@@ -52,11 +56,6 @@ from antway.world.policy import XY, Command, Decision, Observation, Task
 from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
-_OUTSET = 0.5  # s; during this time after the start, the velocities of tracks are not known well yet
-_NEARBY = 3.0  # s; during the outset, the robot plans around predictions only up to this time ahead
-_STANDS = 1.0  # s; an explanation is renewed after this time, even if the plan stays
-_WALKS = 0.3  # m/s; once a track was faster than this, the fastest observed speed is taken as the preferred speed of all
-_DOUBT = "the velocities of obstacles that the sensor reports do not fit their places and are not used"
 _EXPANSIONS_SHOWN = 5  # number of moves that the ants test in one displayed cycle
 
 
@@ -146,6 +145,7 @@ class AntwayPolicy:
         self.state: State | None = None
         self._in_common = False
         self._heading = math.nan  # rad; that which a robot keeps that cannot turn; NaN: not known, or it turns
+        self._beside: Beside[State | Counted] | None = None
 
     @property
     def task(self) -> Task:
@@ -165,16 +165,16 @@ class AntwayPolicy:
         OutOfBounds, CellBlocked
             If the robot does not fit at the start or at the goal.
         """
-        self._heading = math.nan
-        self._start(task, seed, Response(task.robot))
+        self._heading, self._beside = math.nan, None
+        self.state = self._made(task, seed, Response(task.robot), self._heading)
         if self.guard:
             self.guard.reset(task)
 
-    def _start(self, task: Task, seed: int, response: Response, before: State | None = None) -> None:
-        """Make the state of an episode, or of the rest of one in which the state was another `before`."""
+    def _made(self, task: Task, seed: int, response: Response, heading: float) -> State:
+        """Return the state of an episode at its start."""
         robot, controls, tracker = task.robot, None, Tracker(self.mode == "strict")
         fine = task if robot.stepwise else with_fine_cells(task)
-        (context, kept), narrow = contexts_for(fine, self.moves, self._heading)
+        (context, kept), narrow = contexts_for(fine, self.moves, heading)
         context, radius = (narrow[0], narrow[0].radius) if narrow else (context, robot.radius)
         settings = make_settings(self, task, radius)
         paces = full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
@@ -186,7 +186,7 @@ class AntwayPolicy:
             swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
             controls = ControlColony(self.controls, fine, kept.field, seed, swerve)
         cells = context.rows * context.cols
-        state = State(
+        return State(
             task=task,
             terrain=terrain_of(task.grid),
             settings=settings,
@@ -204,7 +204,27 @@ class AntwayPolicy:
             controls=controls,
             detours=Detours(self.moves, (context, kept)[: 1 if robot.stepwise else 2], narrow),
         )
-        self.state = state if before is None else carried_on(state, before)
+
+    def _begin_anew(self, t: float, task: Task) -> None:
+        """Go on with another task, or another robot or heading."""
+        self._begin(t, partial(self._made, task, self._state.seed, self._state.response, self._heading))
+
+    def _begin(self, t: float, work: Callable[[], State | Counted]) -> None:
+        """Compute another state, or other times to the goal, beside the control cycles where the map is large."""
+        self._beside = Beside(self._state.detours.wide[-1].field.size, t, work)
+        self._adopt(t)
+
+    def _adopt(self, t: float) -> None:
+        """Use what was computed, once it is due."""
+        if self._beside is None or t < self._beside.due:
+            return
+        found, self._beside = self._beside.result(), None
+        if not isinstance(found, State):
+            set_times(self._state, *found)
+            return
+        self.state = carried_on(found, self._state)
+        if found.task.robot != found.response.robot:  # more has been learnt meanwhile
+            self._suit_response(t)
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period.
@@ -215,10 +235,11 @@ class AntwayPolicy:
             For an observation that is not finite.
         """
         as_sensed = self._learn_response(check_observation(observation))
+        self._adopt(observation.t)
         s = self._state
-        if is_turned(s.task.robot, self._heading, observation.heading):
+        if self._beside is None and is_turned(s.task.robot, self._heading, observation.heading):
             self._heading = observation.heading
-            self._start(s.task, s.seed, s.response, s)
+            self._begin_anew(observation.t, s.task)
             s = self._state
         doubted = s.tracker.doubts_velocities
         observation = s.tracker.corrected(as_sensed)
@@ -249,19 +270,25 @@ class AntwayPolicy:
         if not self.learns_response or s.response.declared.dynamics == "steps":
             return s.response.with_pending(o)
         if s.response.update(o):
-            task = replace(s.task, robot=s.response.robot)
-            anew = (s.controls is None) != task.robot.stepwise or tops(task.robot) != tops(s.task.robot)
-            if anew:  # other ants drive it, or the times to the goal are others
-                self._start(task, s.seed, s.response, s)
-                s = self._state
-            elif s.controls is not None:
-                s.controls.set_response(task.robot)
-            if self.guard is not None:
-                self.guard.set_robot(task)
-            s.task, s.decision, s.until = task, None, -math.inf
+            self._suit_response(o.t)
+            s = self._state
         if s.controls is not None:
             s.controls.set_spread(s.response.spread)
         return s.response.completed(o)
+
+    def _suit_response(self, t: float) -> None:
+        """Plan and drive from now on for the robot as it has turned out to be."""
+        s = self._state
+        task = replace(s.task, robot=s.response.robot)
+        anew = (s.controls is None) != task.robot.stepwise or tops(task.robot) != tops(s.task.robot)
+        if anew and self._beside is None:  # other ants drive it, or the times to the goal are others
+            self._begin_anew(t, task)
+            s = self._state
+        if s.controls is not None:
+            s.controls.set_response(task.robot)
+        if self.guard is not None:
+            self.guard.set_robot(task)
+        s.task, s.decision, s.until = task, None, -math.inf
 
     def sent(self, observation: Observation, command: Command) -> None:
         """Take note of the command that was sent in place of the one returned for an observation."""
@@ -285,16 +312,15 @@ class AntwayPolicy:
 
     def _look_for_detours(self, o: Observation) -> None:
         """If obstacles have stayed where they are for long, plan anew with times that count with that, or give way to one."""
-        s, t = self._state, float(o.sensed_at)
-        is_new = s.detours.update(s.tracker.estimates, s.tracker.last_seen, t, o.xy)
+        s, t, busy = self._state, float(o.sensed_at), self._beside is not None
+        counted = s.detours.update(s.tracker.estimates, s.tracker.last_seen, t, o.xy, busy)
         s.dance.update(s.task, s.detours.to_go, t, o.xy)
+        if busy:
+            return
         if (task := s.yielding.next_task(s.task, s.detours, t, o.xy)) is not s.task:
-            self._start(task, s.seed, s.response, s)
-        elif is_new:
-            s.paces = tuple((s.detours.timed(context), stopping_time) for context, stopping_time in s.paces)
-            drop_plan(s.plan)
-            if s.controls is not None:
-                s.controls.set_times(s.detours.times[1])
+            self._begin_anew(o.t, task)
+        elif counted is not None:
+            self._begin(o.t, partial(other_times, s, counted))
 
     def _follow_plan(self, o: Observation) -> tuple[Command, int]:
         """Plan; return the command that follows the plan, and what was done with the plan."""
@@ -321,7 +347,7 @@ class AntwayPolicy:
     def _plan(self, o: Observation, age: float) -> tuple[float, float, int]:
         """Predict and plan in one cycle of kernels/crossing.py, from estimates `age` s old; return what `cycle` returns."""
         s = self._state
-        self._adapt_settings(o.t)
+        adapt_settings(s, o.t, self.horizon)
         return call(
             cycle,
             s.memory or self.memory(),
@@ -337,24 +363,6 @@ class AntwayPolicy:
             (float(o.xy[0]), float(o.xy[1])),
             s.rng,
         )
-
-    def _adapt_settings(self, now: float) -> None:
-        """Choose the pace, the preferred speed and the horizon by what is known of the tracks."""
-        s = self._state
-        s.context, stopping_time = s.paces[len(s.tracker.estimates) > 0]
-        if math.isnan(s.started):
-            s.started = now
-        preferred = s.tracker.fastest if s.tracker.fastest > _WALKS else float(s.task.obstacle_speed)
-        if preferred != s.settings.preferred_speed:
-            s.settings = s.settings._replace(preferred_speed=preferred)
-        is_known = now >= s.started + _OUTSET - 1e-6
-        if stopping_time != s.settings.tubes.stopping_time or is_known != s.settings.stores_predictions:
-            s.settings = s.settings._replace(
-                horizon=self.horizon if is_known else min(self.horizon, _NEARBY),
-                stores_predictions=is_known,
-                tubes=s.settings.tubes._replace(stopping_time=stopping_time),
-                wide_tubes=s.settings.wide_tubes._replace(stopping_time=stopping_time),
-            )
 
     def _aside(self, o: Observation, age: float, command: XY) -> XY:
         """Return the velocity on the plan, or one beside the plan where people are near whose velocity may change."""
@@ -389,26 +397,8 @@ class AntwayPolicy:
         """
         s = self._state
         if s.decision is None:
-            assert s.cycle is not None, "act comes first"
-            (seen, arrival, bound), known = s.cycle, len(s.tracker.estimates)
-            t, (x, y) = float(seen.t), seen.xy
-            wait = 0.0 if s.path is None else wait_of(s.path, t)
-            s.until = t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
-            snapshot = Snapshot(
-                s.detours.without(s.context) if s.detours.expects else s.context,
-                s.settings,
-                s.terrain,
-                t,
-                float(seen.t - seen.sensed_at),
-                (float(x), float(y)),
-                s.crowd.averaged[:known].copy(),
-                s.crowd.prediction[:known].copy(),
-                s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
-            )
-            s.decision = explain(snapshot, s.path, arrival - t, bound - t, s.guard_did, self.pheromone(), self.memory())
-            why, doubt = self.guard.why if self.guard else "", _DOUBT if s.tracker.doubts_velocities else ""
-            notes = s.decision.reason, why, str(s.yielding), str(s.dance), str(s.response), doubt
-            s.decision = replace(s.decision, reason="; ".join(filter(None, notes)))
+            explain_cycle(s, self.guard.why if self.guard else "", self.pheromone(), self.memory())
+        assert s.decision is not None
         return s.decision
 
     def planned(self) -> TimedPath | None:

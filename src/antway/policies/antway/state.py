@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.records import Terrain
+from antway.kernels.controls.problem import StaticField
 from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, Crowd, PlanInUse, Settings
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
@@ -19,7 +21,7 @@ from antway.kernels.tracking.predict import NAME
 from antway.kernels.tracking.table import make_table
 from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
-from antway.policies.antway.detours import Detours
+from antway.policies.antway.detours import Detours, Times
 from antway.policies.antway.response import Response
 from antway.policies.antway.tracker import MOST_ROWS, ROWS, Tracker, longer, longer_table
 from antway.policies.antway.yielding import Dance, Yielding
@@ -29,6 +31,9 @@ from antway.world.policy import Decision, Observation, RobotSpec, Task
 
 _BRAKES = 0.5  # s; with tracks in sight, a robot that follows the plan drives no faster than it can brake from in this time
 _BIN = 0.5  # s; pheromone is kept for bins of arrival of this width
+_OUTSET = 0.5  # s; during this time after the start, the velocities of tracks are not known well yet
+_NEARBY = 3.0  # s; during the outset, the robot plans around predictions only up to this time ahead
+_WALKS = 0.3  # m/s; once a track was faster than this, the fastest observed speed is taken as the preferred speed of all
 _SEGMENTS = 48  # limit of motion segments of a track: the steps of its trajectory, the widths of its tube, four walls
 Paces = tuple[tuple[PlanningContext, float], ...]
 
@@ -101,6 +106,7 @@ class State:
     until: float = math.inf
 
 
+Counted = tuple[Times, StaticField | None]  # times to the goal, and the field for them of the colony in the space of controls
 _SHARED = threading.local()
 
 
@@ -179,6 +185,21 @@ def drop_plan(plan: PlanInUse) -> None:
     plan.state[KNOT_COUNT], plan.state[ARRIVAL] = 0, math.inf
 
 
+def other_times(s: State, counted: Callable[[], Times]) -> Counted:
+    """Return the times that `Detours.update` has returned a call for, and the field for them."""
+    times = counted()
+    return times, None if s.controls is None else s.controls.field_with(times[1][1])
+
+
+def set_times(s: State, times: Times, field: StaticField | None) -> None:
+    """Plan and drive from now on by these results of `other_times`."""
+    s.detours.adopt(times)
+    s.paces = tuple((s.detours.timed(context), stopping_time) for context, stopping_time in s.paces)
+    drop_plan(s.plan)
+    if s.controls is not None and field is not None:
+        s.controls.set_field(field)
+
+
 def carried_on(new: State, old: State) -> State:
     """Return the state `new` with what is known of obstacles in `old`, and without a plan."""
     drop_plan(old.plan)
@@ -235,6 +256,24 @@ def fit_tables(s: State, tracks: int) -> None:
         stored=longer_table(c.stored, n),
         velocity_error=longer(c.velocity_error, n),
     )
+
+
+def adapt_settings(s: State, now: float, horizon: float) -> None:
+    """Choose the pace, the preferred speed and the horizon, at most `horizon` s, by what is known of the tracks."""
+    s.context, stopping_time = s.paces[len(s.tracker.estimates) > 0]
+    if math.isnan(s.started):
+        s.started = now
+    preferred = s.tracker.fastest if s.tracker.fastest > _WALKS else float(s.task.obstacle_speed)
+    if preferred != s.settings.preferred_speed:
+        s.settings = s.settings._replace(preferred_speed=preferred)
+    is_known = now >= s.started + _OUTSET - 1e-6
+    if stopping_time != s.settings.tubes.stopping_time or is_known != s.settings.stores_predictions:
+        s.settings = s.settings._replace(
+            horizon=horizon if is_known else min(horizon, _NEARBY),
+            stores_predictions=is_known,
+            tubes=s.settings.tubes._replace(stopping_time=stopping_time),
+            wide_tubes=s.settings.wide_tubes._replace(stopping_time=stopping_time),
+        )
 
 
 def without_edges(settings: Settings) -> Settings:
