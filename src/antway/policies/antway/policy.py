@@ -205,11 +205,11 @@ class AntwayPolicy:
             detours=Detours(self.moves, (context, kept)[: 1 if robot.stepwise else 2], narrow),
         )
 
-    def _begin_anew(self, t: float, task: Task) -> None:
+    def _compute_anew(self, t: float, task: Task) -> None:
         """Go on with another task, or another robot or heading."""
-        self._begin(t, partial(self._made, task, self._state.seed, self._state.response, self._heading))
+        self._compute(t, partial(self._made, task, self._state.seed, self._state.response, self._heading))
 
-    def _begin(self, t: float, work: Callable[[], State | Counted]) -> None:
+    def _compute(self, t: float, work: Callable[[], State | Counted]) -> None:
         """Compute another state, or other times to the goal, beside the control cycles where the map is large."""
         self._beside = Beside(self._state.detours.wide[-1].field.size, t, work)
         self._adopt(t)
@@ -239,7 +239,7 @@ class AntwayPolicy:
         s = self._state
         if self._beside is None and is_turned(s.task.robot, self._heading, observation.heading):
             self._heading = observation.heading
-            self._begin_anew(observation.t, s.task)
+            self._compute_anew(observation.t, s.task)
             s = self._state
         doubted = s.tracker.doubts_velocities
         observation = s.tracker.corrected(as_sensed)
@@ -282,7 +282,7 @@ class AntwayPolicy:
         task = replace(s.task, robot=s.response.robot)
         anew = (s.controls is None) != task.robot.stepwise or tops(task.robot) != tops(s.task.robot)
         if anew and self._beside is None:  # other ants drive it, or the times to the goal are others
-            self._begin_anew(t, task)
+            self._compute_anew(t, task)
             s = self._state
         if s.controls is not None:
             s.controls.set_response(task.robot)
@@ -318,9 +318,9 @@ class AntwayPolicy:
         if busy:
             return
         if (task := s.yielding.next_task(s.task, s.detours, t, o.xy)) is not s.task:
-            self._begin_anew(o.t, task)
+            self._compute_anew(o.t, task)
         elif counted is not None:
-            self._begin(o.t, partial(other_times, s, counted))
+            self._compute(o.t, partial(other_times, s, counted))
 
     def _follow_plan(self, o: Observation) -> tuple[Command, int]:
         """Plan; return the command that follows the plan, and what was done with the plan."""
