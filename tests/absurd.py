@@ -26,7 +26,8 @@ from numba.core import event
 from antway import BadInput, Command, Grid, Observation, Task, Tracks, load_scenario, make_policy
 from antway.policies.guard import Guard
 from antway.ros2 import convert
-from antway.ros2.pilot import Goal, Pilot
+from antway.ros2.goals import Goal
+from antway.ros2.pilot import Pilot
 from antway.ros2.scan import Tracker, discs, nameless, off_the_map, read_points
 from antway.ros2.settings import Settings, defaults
 from antway.web.session import Session

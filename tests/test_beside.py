@@ -94,7 +94,9 @@ def test_a_robot_that_turns_out_to_be_slow_is_planned_for_a_little_later(pace: f
 
     def make() -> EpisodeResult:
         policies.append(AntwayPolicy())
-        return run(replace(scenario("diff", STANDS, horizon=12.0), robot=slow.of(DIFF)), Misled(policies[-1], DIFF, slow), seed=0)
+        return run(
+            replace(scenario("diff", STANDS, horizon=12.0), robot=slow.of(DIFF)), Misled(policies[-1], DIFF, slow), seed=0
+        )
 
     usual, later, _ = played(make, monkeypatch, pace)
     if pace == math.inf:

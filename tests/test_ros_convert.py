@@ -167,3 +167,47 @@ def test_malformed_tracks_are_refused_by_name():
     poses.poses[0].orientation = convert.plain("", x=0.0, y=0.0, z=0.0, w=0.0)  # as detectors leave it: a disc has no yaw
     t, nameless = convert.read_poses(poses, 0.4)
     assert t == 2.5 and nameless.id.tolist() == [-1] and np.isnan(nameless.velocity).all() and nameless.radius.tolist() == [0.4]
+
+
+def marker(kind: int, name: int = 1, wide: tuple[float, float] = (0.6, 0.8)) -> object:
+    """A marker at (2, 3) in a message that says 1 s."""
+    return convert.marker_message(
+        name, kind, convert.header_message(1.0, "map"), convert.plain, space="", xy=(2.0, 3.0), size=(*wide, 1.0)
+    )
+
+
+def test_solid_markers_are_obstacles_or_refused() -> None:
+    """A cube is the disc around it. Meshes and lists of solids used to be left out, so that the robot drove into them."""
+    for kind, radius in ((convert.SPHERE, 0.4), (convert.CYLINDER, 0.4), (convert.CUBE, 0.5)):
+        _, tracks = convert.read_markers(convert.plain("", markers=[marker(kind)]))
+        assert tracks.radius.tolist() == [pytest.approx(radius)] and tracks.xy.tolist() == [[2.0, 3.0]]
+    for kind in (convert.ARROW, convert.LINE_STRIP, convert.LINE_LIST, convert.TEXT):
+        assert len(convert.read_markers(convert.plain("", markers=[marker(kind)]))[1]) == 0
+    for kind in (6, 7, 8, 10, 11, 12):
+        with pytest.raises(BadParameter, match=r"markers\[0\]: type"):
+            convert.read_markers(convert.plain("", markers=[marker(kind)]))
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.2, -3.0])
+def test_a_robot_on_a_ramp_has_the_heading_that_is_seen_from_above(yaw: float) -> None:
+    """As an odometry with roll and pitch says it; one that is tilted by more, or no unit quaternion, is refused."""
+
+    def turned(tilt: float, length: float = 1.0) -> object:
+        (cp, sp), (cy, sy) = ((math.cos(0.5 * one), math.sin(0.5 * one)) for one in (tilt, yaw))
+        x, y, z, w = (length * part for part in (-sy * sp, cy * sp, sy * cp, cy * cp))  # yaw, then pitch
+        pose = convert.pose_message(1.0, 2.0, 0.0)
+        pose.orientation = convert.plain("", x=x, y=y, z=z, w=w)
+        zero = convert.plain("", x=0.5, y=0.0, z=0.1)
+        return convert.plain(
+            "",
+            header=convert.header_message(1.0, "odom"),
+            pose=convert.plain("", pose=pose),
+            twist=convert.plain("", twist=convert.plain("", linear=zero, angular=zero)),
+        )
+
+    for tilt in (0.0, 0.15, -0.3):
+        found = convert.read_odometry(turned(tilt))
+        assert found.heading == pytest.approx(yaw, abs=1e-9) and math.hypot(*found.velocity) == pytest.approx(0.5)
+    for wrong in (turned(0.5), turned(0.1, 0.9), turned(0.1, 1.1), turned(math.nan)):
+        with pytest.raises(BadParameter, match="orientation"):
+            convert.read_odometry(wrong)

@@ -130,6 +130,8 @@ def test_every_end_of_the_actions(tmp_path):
         "cancelled": ("cancelled", 0),
         "refreshed": ("aborted", 0),
         "replaced by goal_pose": ("aborted", 0),
+        "refused on the way": ("aborted", 103),
+        "ended by one that is refused": ("aborted", 100),
         "tour": ("succeeded", 0),
         "tour into the wall": ("aborted", 306),
         "visit": ("succeeded", 0),
@@ -139,6 +141,7 @@ def test_every_end_of_the_actions(tmp_path):
         "stuck": ("aborted", 105),
         "deactivated": ("aborted", 100),
         "active": ("succeeded", 0),
+        "shut down": ("aborted", 100),
     }
     assert found["free"][2] > 20 and found["goal occupied"][2] == 0, "poses"
     assert drove == [True, True, True], "drove before the cancel, was answered, and went on when the path was refreshed"

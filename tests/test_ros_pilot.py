@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,13 +17,15 @@ import pytest
 from antway import Command, Decision, Grid, Moves, Observation, Outcome, Scenario, World, run
 from antway.errors import BadInput, BadParameter
 from antway.planning import Problem, solve
+from antway.policies.antway import beside
 from antway.policies.guard_process import GuardProcess
 from antway.ros2 import compile as compiling
 from antway.ros2 import nav2, tours
 from antway.ros2.frames import Odometry
+from antway.ros2.goals import ERROR, OK, STAND, Answer, End, Goal
 from antway.ros2.markers import decision_message, predictions, predictions_message
-from antway.ros2.path import corridor, keeps_within, tracking
-from antway.ros2.pilot import ERROR, OBSTACLES, ODOMETRY, OK, STAND, Answer, End, Goal, Pilot
+from antway.ros2.path import corridor, keeps_near, tracking
+from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
 from antway.ros2.settings import Settings, defaults, parameters, refused
 from antway.ros2.tours import Visit, find_tour
 from antway.world.policy import Task, Tracks
@@ -60,8 +63,13 @@ def test_a_corridor_is_what_lies_near_the_way():
             xy = grid.to_xy([cell])[0]
             if np.hypot(*(centres - xy).T).min() <= width - 0.25:
                 assert np.hypot(*(inside - xy).T).min() < 1e-9
-        assert keeps_within(replace(part, blocked=part.blocked & False), path)
-    assert not keeps_within(corridor(ROOM, np.array([[1.0, 1.0], [9.0, 1.0]]), 0.5), np.array([[1.0, 1.0], [9.0, 3.0]]))
+        for _ in range(20):
+            other = path[:2] + rng.normal(0.0, 0.7 * width, (2, 2))
+            cells = np.floor(part.to_points(other) + 0.5).astype(int).tolist()
+            assert keeps_near(grid, path, other, width) == all(part.is_free((row, col)) for row, col in cells)
+    straight = np.array([[1.0, 1.0], [9.0, 1.0]])
+    assert keeps_near(ROOM, straight, straight + np.array([0.0, 0.4]), 0.5)
+    assert not keeps_near(ROOM, straight, np.array([[1.0, 1.0], [9.0, 3.0]]), 0.5)
 
 
 def test_tracking_measures_from_the_nearest_point():
@@ -302,6 +310,55 @@ def test_jumps_of_the_clock_stop_it_once():
     assert drive.step(dt=3.0, passed=3.0).drives and drive.pilot.policy is policy, (
         "odometry that was away, or a node that was busy"
     )
+
+
+def test_odometry_that_was_overtaken_is_dropped() -> None:
+    """A message that comes a moment after a newer one is no jump of the clock: the robot used to stop and plan anew."""
+    drive = ready()
+    policy = drive.pilot.policy
+    for late in (0.01, 0.1):
+        assert drive.step().drives
+        assert drive.step(None, dt=-late, passed=0.0) is None
+        assert drive.step(dt=0.1 + late).drives and drive.pilot.policy is policy
+
+
+def test_the_robot_stands_while_a_thread_plans_on_a_large_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Meanwhile every odometry is answered, a refreshed path changes nothing, and another goal is planned for instead."""
+    run, go_on, planned = beside.Beside._run, threading.Event(), []
+    monkeypatch.setattr(beside, "_AT_ONCE", 0)
+    monkeypatch.setattr(beside.Beside, "_run", lambda self, work: (go_on.wait(60.0), planned.append(1), run(self, work)))
+    drive = Drive()
+    drive.pilot.receive_map(ROOM)
+    way = np.array([[2.0, 2.0], [10.0, 2.0]])
+    for path in (way, way + np.array([0.0, 0.1])):
+        drive.pilot.go(Goal((10.0, 2.0), path))
+        for _ in range(3):
+            answer = drive.step()
+            assert answer.command is STAND and "plans" in answer.reason
+    drive.pilot.go(Goal((2.0, 3.2)))
+    assert "plans" in drive.step().reason
+    go_on.set()
+    for _ in range(200):
+        answer = drive.step()
+        if answer.drives:
+            break
+        time.sleep(0.02)
+    assert answer.command.velocity[1] > 0.5 and len(planned) == 2
+    drive.pilot.go(Goal((-5.0, 2.0)))
+    for _ in range(200):
+        answer = drive.step()
+        if answer.end is not None:
+            break
+        time.sleep(0.02)
+    assert answer.end is End.REFUSED
+
+
+def test_time_for_planning_is_no_lack_of_progress() -> None:
+    """On a large map the robot may set out so late that the next odometry comes after `progress_time`."""
+    drive = ready(Goal((10.0, 2.0), gives_up=True), progress_time=3.0)
+    assert drive.step(dt=25.0, passed=25.0).drives
+    answers = [drive.step() for _ in range(40)]
+    assert answers[20].end is None and any(answer.end is End.STUCK for answer in answers if answer is not None)
 
 
 def test_maps_may_change_on_the_way():

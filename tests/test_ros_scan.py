@@ -12,7 +12,8 @@ import pytest
 from antway import Grid, check_episode, load_scenario, run
 from antway.errors import BadParameter
 from antway.ros2 import frames
-from antway.ros2.pilot import Goal, Pilot
+from antway.ros2.goals import Goal
+from antway.ros2.pilot import Pilot
 from antway.ros2.scan import Laser, Tracker, discs, nameless, newest_reached, off_the_map, read_points
 from antway.ros2.settings import Settings, defaults
 from antway.scenes import scene

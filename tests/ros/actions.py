@@ -95,7 +95,7 @@ def main() -> None:
     for name in ("no such controller", "way on the moon", "no way"):
         found[name] = ask(name).result()
 
-    # drives: into a wall; to the end, with feedback; cancelled; replaced by a way alike, by another goal
+    # drives: into a wall; to the end, with feedback; cancelled; replaced by a way alike, by another goal, by one refused
     found["into the wall"] = drive(ask("into the wall"))
     asked = ask("way")
     found["way"] = drive(asked)
@@ -122,6 +122,12 @@ def main() -> None:
     robot.go(START)
     robot.until("pre-emption", asked.ended)
     found["replaced by goal_pose"] = asked.result()
+    asked = ask("way back")
+    for _ in range(5):
+        body.step()
+    found["refused on the way"] = ask("no way").result()
+    found["ended by one that is refused"] = asked.result()
+    robot.until("a stop", robot.stands)
     found["drove"] = [moving > 0.1, robot.answered > answered, not standing]
 
     # tours: planned, driven to the end, cancelled, and refused
@@ -151,7 +157,7 @@ def main() -> None:
     asked = ask("way")
     found["stuck"] = drive(asked, moves=False)
 
-    # down and up again while a goal is being driven to
+    # down and up again, and shut down, while a goal is being driven to
     change = robot.create_client(load("lifecycle_msgs/srv/ChangeState"), "/antway/change_state")
     robot.until("change_state", change.service_is_ready)
 
@@ -168,6 +174,10 @@ def main() -> None:
     found["inactive"] = [ask(name).accepted for name in ("free", "way")]
     transition(3)  # activate
     found["active"] = ask("free").result()
+    asked = ask("way")
+    body.step()
+    transition(7)  # shut down
+    found["shut down"] = asked.result()
     end(robot, nav2=NAV2, ends=found)
 
 

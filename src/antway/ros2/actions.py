@@ -17,6 +17,7 @@ from antway.grid import Grid
 from antway.planning import PLANNERS
 from antway.ros2 import convert, frames
 from antway.ros2.frames import Pose
+from antway.ros2.goals import End, Goal
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import (
     ENDS,
@@ -34,7 +35,7 @@ from antway.ros2.nav2 import (
     in_thread,
 )
 from antway.ros2.path import tracking
-from antway.ros2.pilot import End, Goal, Pilot
+from antway.ros2.pilot import Pilot
 from antway.ros2.tours import THROUGH, Visit, find_tour
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class Served:
     def __init__(self, node: AntwayNode, kinds: dict[str, Kind]) -> None:
         self.node, self.kinds, self.open = node, kinds, True
         self.asked = 0  # number of plans that the service has not answered yet
+        self.ending = 0  # number of goals that have ended, whose results the executor has not sent yet
         self.following: Any = None  # the goal handle of follow_path or visit_poses
         self.service = node.create_service(load("nav_msgs/srv/GetPlan"), "get_plan", self._get_plan)
         self.servers = [
@@ -74,7 +76,10 @@ class Served:
         if not self.asked:
             self.node.destroy_service(self.service)
         for server in self.servers:
-            server.destroy()
+            if self.ending:  # once the executor has sent the results of goals that have just ended
+                self.node.executor.create_task(server.destroy)
+            else:
+                server.destroy()
 
     # Plans
 
@@ -231,6 +236,8 @@ class Served:
                 tf = wrong.field == "header.frame_id" or "tf" in wrong.field
                 error = FOLLOW_TF_ERROR if tf else INVALID_PATH, str(wrong)
         if error is not None:
+            if self.following is not None:  # as in Nav2, where a goal ends the one before it whether it can be followed or not
+                node.drop("pre-empted by a goal that is refused")
             return self._finish(handle, kind, error[0], error_code=error[0], error_msg=error[1])
 
         def done(end: End, reason: str) -> None:
@@ -279,6 +286,7 @@ class Served:
         """End a goal: cancelled if requested, aborted with an error code or if replaced, else a success."""
 
         def end(handle: Any) -> Any:
+            self.ending -= 1
             if handle.is_cancel_requested:
                 fields["error_code"] = NONE
                 handle.canceled()
@@ -288,4 +296,5 @@ class Served:
                 handle.succeed()
             return kind.result(**fields)
 
+        self.ending += 1
         handle.execute(end)

@@ -27,9 +27,10 @@ from antway.world.robots import towards
 
 Make = Callable[..., Any]
 # constants of visualization_msgs/msg/Marker: types, then actions
-ARROW, SPHERE, CYLINDER, LINE_STRIP, TEXT = 0, 2, 3, 4, 9
+ARROW, CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, TEXT = 0, 1, 2, 3, 4, 5, 9
 ADD, DELETE_ALL = 0, 3
 OBSTACLE = (0.8, 0.3, 0.1)  # red, green, blue; colour of obstacles and of their predictions
+_RAMP = 0.35  # rad; a robot on a ramp is tilted by no more than this
 _TILT = 1e-3  # tolerance of a quaternion, which must be a unit rotation about z
 
 
@@ -296,9 +297,16 @@ def read_twist(message: Any, heading: float) -> Command:
 
 
 def read_odometry(message: Any) -> Odometry:
-    """Return what a nav_msgs/msg/Odometry says, in its frame; the message has the velocity in the robot's."""
-    _place(message.pose.pose.position, "Odometry.pose")
-    x, y, heading = read_pose(message.pose.pose, where="Odometry.pose")
+    """Return what a nav_msgs/msg/Odometry says, in its frame; the message has the velocity in the robot's.
+
+    The robot may be on a ramp, tilted by up to 0.35 rad; its heading is then that of its x axis seen from above.
+    """
+    pose, where = message.pose.pose, "Odometry.pose"
+    (x, y), q = _place(pose.position, where), pose.orientation
+    if math.hypot(q.x, q.y, q.z, q.w) <= 1.0 + _TILT and math.hypot(q.z, q.w) >= math.cos(_RAMP / 2.0):
+        heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
+    else:
+        _, _, heading = read_pose(pose, where=where)  # which says what is wrong
     t, twist = seconds(message.header.stamp), message.twist.twist
     velocity, rate = read_twist(twist, heading).velocity, twist.angular.z
     rate = checks.number("angular.z", rate, low=-MAX_ANGLE, high=MAX_ANGLE, unit="rad/s", where="Odometry.twist")
@@ -316,14 +324,16 @@ def read_poses(message: Any, radius: float) -> tuple[float, Tracks]:
 def read_markers(message: Any) -> tuple[float, Tracks]:
     """Return (t in s, tracks) of a visualization_msgs/msg/MarkerArray.
 
-    Each added sphere or cylinder is a disc whose diameter is the larger of scale.x and scale.y, named by its id. An added arrow
-    with the same id from points[0] to points[1] is its velocity (m in 1 s); without one the velocity is unknown. Other markers
-    and actions are ignored. The time is the latest stamp, so that even an empty scene needs a marker: delete-all.
+    Each added sphere or cylinder is a disc whose diameter is the larger of scale.x and scale.y, named by its id; a cube is the
+    disc around it. An added arrow with the same id from points[0] to points[1] is its velocity (m in 1 s); without one the
+    velocity is unknown. Lines, texts, other arrows and other actions are ignored. The time is the latest stamp, so that even an
+    empty scene needs a marker: delete-all.
 
     Raises
     ------
     BadParameter
-        If there is no marker, two discs have the same id, or numbers are out of range.
+        If there is no marker, two discs have the same id, numbers are out of range, or a marker is of another type, such as a
+        mesh or a list of spheres.
     """
     if len(message.markers) == 0:
         raise BadParameter("MarkerArray.markers", [], "at least a delete-all marker, which carries the time")
@@ -334,14 +344,15 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
         if marker.action != ADD:
             continue
         name = checks.integer("id", marker.id, low=0, where=where)
-        if marker.type in (SPHERE, CYLINDER):
+        if marker.type in (CUBE, SPHERE, CYLINDER):
             if name in discs:
                 raise BadParameter("id", name, "the id of only one disc", where=where)
             place = marker.pose.position
             scales = ((f"scale.{n}", getattr(marker.scale, n)) for n in "xy")
             wide = [checks.number(field, value, low=0.0, high=MAX_PLACE, where=where) for field, value in scales]
             x, y = _place(place, where)
-            discs[name] = (x, y, checks.number("scale", max(wide), low=0.0, open_low=True, unit="m", where=where) / 2)
+            diameter = math.hypot(*wide) if marker.type == CUBE else max(wide)
+            discs[name] = (x, y, checks.number("scale", diameter, low=0.0, open_low=True, unit="m", where=where) / 2)
         elif marker.type == ARROW and len(marker.points) == 2:
             tail, tip = marker.points
             (x0, y0), (x1, y1) = (
@@ -350,6 +361,8 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
             vx, vy = x1 - x0, y1 - y0
             checks.number("points", math.hypot(vx, vy), high=MAX_SPEED, unit="m apart, which says m/s", where=where)
             arrows[name] = (vx, vy)
+        elif marker.type not in (ARROW, LINE_STRIP, LINE_LIST, TEXT):
+            raise BadParameter("type", marker.type, "a sphere, cylinder or cube, or an arrow, line or text", where=where)
     rows = np.array(list(discs.values()), np.float64).reshape(-1, 3)
     velocity = np.array([arrows.get(name, (math.nan, math.nan)) for name in discs], np.float64).reshape(-1, 2)
     t = max(seconds(marker.header.stamp) for marker in message.markers)

@@ -23,6 +23,7 @@ from antway.ros2.convert import (
     marker_message,
     plain,
 )
+from antway.ros2.frames import Pose, chain
 from antway.world.policy import XY, Decision, Tracks
 from antway.world.terrain import terrain_of
 
@@ -99,3 +100,9 @@ def predictions_message(
             size, alpha = (2 * radius, 2 * radius, 0.02), float(0.5 * (1.0 - when / (line[-1, 0] + 1.0)))
             writer.add("places", CYLINDER, xy=(x, y), size=size, colour=OBSTACLE, alpha=alpha)
     return writer.message()
+
+
+def shades(row: int, col: int, tau: NDArray[np.float32], grid: Grid, frame: Pose) -> tuple[NDArray[np.int8], Pose]:
+    """Return pheromone in a window of `grid` from (row, col) on as costs from 0 to 100, and its corner's pose in `frame`."""
+    corner = grid.origin[0] + col * grid.resolution, grid.origin[1] + row * grid.resolution, 0.0
+    return np.rint(100.0 * tau / max(float(tau.max()), 1e-30)).astype(np.int8), chain(frame, corner)

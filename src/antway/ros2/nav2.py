@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from antway.errors import BadInput, OutOfBounds
 from antway.grid import Cell, Grid
 from antway.planning import Problem, Status, solve, standing_cell
+from antway.ros2.goals import End
 from antway.ros2.messages import load, make
-from antway.ros2.pilot import End
 from antway.world.line_of_sight import start_cell
 from antway.world.policy import XY
 

@@ -31,10 +31,11 @@ from antway.ros2.compile import compile_for
 from antway.ros2.declared import Declared
 from antway.ros2.driver import open_driver, stamp_twist, twist_type
 from antway.ros2.frames import Odometry, Pose
+from antway.ros2.goals import ERROR, OK, WARN, Answer, End, Goal
 from antway.ros2.markers import decision_message, predictions_message
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import Kind, nav2_kinds
-from antway.ros2.pilot import ERROR, OBSTACLES, ODOMETRY, OK, WARN, Answer, End, Goal, Pilot
+from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
 from antway.ros2.scan import Laser, Tracker, discs, nameless, newest_reached, off_the_map
 from antway.ros2.settings import LASER, Settings
 from antway.ros2.tf import Transforms

@@ -33,12 +33,7 @@ def corridor(grid: Grid, path: NDArray[np.float64], width: float) -> Grid:
     >>> part.origin, part.shape
     ((0.0, 3.0, 0.0), (3, 9))
     """
-    size, (rows, cols) = grid.resolution, grid.shape
-    steps = np.maximum(np.ceil(2.0 * np.abs(np.diff(path, axis=0)).max(axis=1) / size), 1.0)
-    if steps.sum() > _MOST:
-        raise BadParameter("path", f"{steps.sum():.3g} half cells long", f"at most {_MOST}, as no path on a map is longer")
-    dense = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(path, path[1:], steps.astype(int).tolist())]
-    cells = np.floor(grid.to_points(np.vstack((*dense, path[-1:]))) + 0.5).astype(np.int64)
+    size, (rows, cols), cells = grid.resolution, grid.shape, _cells_along(grid, path)
     pad = math.ceil(width / size)
     low = np.clip(cells.min(axis=0) - pad, 0, (rows - 1, cols - 1))
     high = np.clip(cells.max(axis=0) + pad, 0, (rows - 1, cols - 1))
@@ -52,10 +47,27 @@ def corridor(grid: Grid, path: NDArray[np.float64], width: float) -> Grid:
     return Grid(grid.blocked[window] | far, size, corner, unknown)
 
 
-def keeps_within(part: Grid, path: NDArray[np.float64]) -> bool:
-    """Tell whether every vertex of `path`, float64[N, 2] in m, is in a free cell of `part`."""
-    cells = np.floor(part.to_points(path) + 0.5).astype(np.int64)
-    return all(part.is_free((row, col)) for row, col in cells.tolist())
+def keeps_near(grid: Grid, path: NDArray[np.float64], other: NDArray[np.float64], width: float) -> bool:
+    """Tell whether every vertex of the path `other` is in a free cell of `grid` that `corridor` leaves around `path`."""
+    along, cells = _cells_along(grid, path), _cells_of(grid, other)
+    along = along[((along >= 0) & (along < grid.shape)).all(axis=1)]
+    free = all(grid.is_free((row, col)) for row, col in cells.tolist())
+    away = np.asarray(scipy.spatial.cKDTree(along).query(cells)[0]) * grid.resolution
+    return free and bool((away <= width).all())
+
+
+def _cells_along(grid: Grid, path: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the cells of a path's vertices and of points at most half a cell apart between them, int64[M, 2]."""
+    steps = np.maximum(np.ceil(2.0 * np.abs(np.diff(path, axis=0)).max(axis=1) / grid.resolution), 1.0)
+    if steps.sum() > _MOST:
+        raise BadParameter("path", f"{steps.sum():.3g} half cells long", f"at most {_MOST}, as no path on a map is longer")
+    dense = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(path, path[1:], steps.astype(int).tolist())]
+    return _cells_of(grid, np.vstack((*dense, path[-1:])))
+
+
+def _cells_of(grid: Grid, xy: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the cells of places, on the map or beside it."""
+    return np.floor(grid.to_points(xy) + 0.5).astype(np.int64)
 
 
 @dataclass(frozen=True, slots=True)

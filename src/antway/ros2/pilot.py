@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,14 @@ from antway.errors import BadInput
 from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
 from antway.planning import standing_cell
+from antway.policies.antway.beside import Beside
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard, at_scan
 from antway.policies.guard_process import SILENT, GuardProcess
 from antway.ros2.frames import (
     HERE,
     Odometry,
-    chain,
+    Pose,
     inverse,
     level,
     move,
@@ -32,63 +33,14 @@ from antway.ros2.frames import (
     shown,
     turn,
 )
-from antway.ros2.markers import predictions
-from antway.ros2.path import corridor, keeps_within
+from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
+from antway.ros2.markers import predictions, shades
+from antway.ros2.path import corridor, keeps_near
 from antway.ros2.settings import Settings
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.robots import towards
 
-OK, WARN, ERROR = 0, 1, 2  # levels of diagnostic_msgs/msg/DiagnosticStatus
 ODOMETRY, OBSTACLES = "odometry", "obstacles"
-STAND = Command((0.0, 0.0))
-
-
-class End(Enum):
-    """How the drive to a goal ended."""
-
-    ARRIVED = "arrived"
-    REPLACED = "replaced"  # by another goal
-    DROPPED = "dropped"  # on request
-    REFUSED = "refused"  # the robot cannot stand there
-    WAITED = "waited"  # longer than its `wait_timeout`, without map, odometry, obstacles or a place to set out from
-    STUCK = "stuck"  # made no progress
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What to do, in the map's frame, and why; `end` is set when the goal has ended."""
-
-    command: Command
-    level: int
-    reason: str
-    end: End | None = None
-
-    @property
-    def drives(self) -> bool:
-        """Whether the policy drives, or the guard's stop still turns."""
-        return self.command is not STAND
-
-
-@dataclass(frozen=True, slots=True)
-class Goal:
-    """A goal.
-
-    Attributes
-    ----------
-    xy : (x, y)
-        m.
-    path : float64[N, 2] or None
-        The path to it; the robot stays within `corridor` m of it.
-    yaw : float
-        Final heading of wheels, rad; NaN: any.
-    gives_up : bool
-        Whether the robot gives the goal up after `wait_timeout`, or without progress.
-    """
-
-    xy: XY
-    path: NDArray[np.float64] | None = None
-    gives_up: bool = False
-    yaw: float = math.nan
 
 
 class Pilot:
@@ -111,12 +63,12 @@ class Pilot:
         robot = settings.robot
         self.sent = np.zeros((math.ceil(robot.latency / robot.dt - 1e-9), 2))  # commands that do not act yet
         self.policy: AntwayPolicy | None = None
+        self.planning: tuple[Grid, Goal, Beside[AntwayPolicy | BadInput]] | None = None  # for a map and a goal
         self.turner: Guard | None = None  # while it turns in place at a goal
         self.guard: Guard | GuardProcess | None = None  # keeps the stop that follows the last command; None: STAND stops it
         self.command, self.why = STAND, (OK, "")  # the last command, and level and reason of the last stop
         self.last_decision: tuple[Decision, Decision] | None = None  # of the policy, and the same in the map's frame
-        self.due = -math.inf  # s; when odometry is to be answered next
-        self.started = -math.inf  # s; when the policy started
+        self.due = self.started = -math.inf  # s; when odometry is to be answered next, and when the policy started
         self.now = self.answered = -math.inf  # s of a steady clock; when odometry last arrived, and was last answered
         self._restart()
 
@@ -191,10 +143,13 @@ class Pilot:
     def receive_odometry(self, odometry: Odometry, now: float) -> Answer | None:
         """Receive odometry that arrived at `now` s of a steady clock; answer once in each control period.
 
-        A jump of odometry's clock is answered at once: it went back, or forward by `timeout` more than the steady one.
+        A jump of odometry's clock is answered at once: it went back, or forward by `timeout` more than the steady one. What is
+        older by no more than a control period was overtaken by a newer message, and is dropped.
         """
-        before, self.odometry, dt = self.odometry, odometry, self.settings.robot.dt
-        passed, self.now = now - self.now, now
+        before, dt = self.odometry, self.settings.robot.dt
+        if before is not None and 0.0 < before.t - odometry.t <= dt:
+            return None
+        self.odometry, passed, self.now = odometry, now - self.now, now
         if before is not None and not 0.0 <= odometry.t - before.t <= self.settings.timeout + passed:
             self.scan = self.policy = self.turner = None  # earlier observations and plans are invalid now
             self.brake()
@@ -273,21 +228,24 @@ class Pilot:
             return self._wait(t, WARN, "waiting for obstacles")
         stamp = self.scan[0]
         if abs(t - stamp) > settings.timeout:
-            age = f"{t - stamp:.2f} s older" if stamp < t else f"{stamp - t:.2f} s newer"
-            late = "the sensor" if stamp < t else "odometry"
-            return self._wait(t, ERROR, f"obstacles are {age} than odometry: {late} is silent, or its clock is late")
+            age, late = ("older", "the sensor") if stamp < t else ("newer", "odometry")
+            reason = f"obstacles are {abs(t - stamp):.2f} s {age} than odometry: {late} is silent, or its clock is late"
+            return self._wait(t, ERROR, reason)
         if self.policy is None:
             try:
-                standing_cell("goal", goal.xy, self.map, self.inflated_grid(self.map), settings.robot.radius)
-            except BadInput as wrong:
-                return self.drop(f"the goal is refused: {wrong}", End.REFUSED, ERROR)
-            try:
-                self.policy = self._set_out(goal, move_point(inverse(self.frame), xy))
+                planned = self._planned(goal, self.map, xy)
+                if planned is None:
+                    return self._hold(OK, "the robot plans before it sets out")
+                if isinstance(planned, BadInput):
+                    return self.drop(f"the goal is refused: {planned}", End.REFUSED, ERROR)
+                if self.guard_process is not None:
+                    self.guard_process.reset(planned.task)
             except BadInput as wrong:
                 return self._wait(t, ERROR, f"the robot cannot set out: {wrong}")
-            self.started = t
+            self.policy, self.started, self.progress = planned, t, (math.nan, xy)
         self.waiting_since = math.nan
-        if math.isnan(self.progress[0]) or math.dist(xy, self.progress[1]) >= settings.progress_radius:
+        # Planning may have taken long, so progress counts from the next odometry on.
+        if self.started < t and (math.isnan(self.progress[0]) or math.dist(xy, self.progress[1]) >= settings.progress_radius):
             self.progress = (t, xy)
         elif goal.gives_up and t - self.progress[0] > settings.progress_time:
             self.brake()
@@ -345,8 +303,7 @@ class Pilot:
 
     def _send(self, pair: XY) -> None:
         """Record a command that does not act yet."""
-        if len(self.sent):
-            self.sent = np.vstack((self.sent[1:], [pair]))
+        self.sent = np.vstack((self.sent, [pair]))[1:]
 
     def _turn(self, goal: Goal, odometry: Odometry) -> Answer:
         """Turn in place towards the goal's yaw, as far as the guard lets a footprint turn."""
@@ -391,25 +348,36 @@ class Pilot:
             return self.drop(reason, End.WAITED, level)
         return self._hold(level, reason)
 
-    def _set_out(self, goal: Goal, here: XY) -> AntwayPolicy:
-        """Return a newly started policy; its map is that of the goal's corridor, if it has one."""
+    def _planned(self, goal: Goal, grid: Grid, xy: XY) -> AntwayPolicy | BadInput | None:
+        """Return the policy to set out with, or why the goal is refused; None while a thread makes it, for a large map."""
+        made = self.planning
+        if made is None or made[0] is not grid or (made[1] is not goal and not self._same_path(made[1], goal)):
+            work = partial(self._set_out, grid, self.grid, goal, move_point(inverse(self.frame), xy))
+            made = self.planning = grid, goal, Beside(grid.blocked.size, 0.0, work)
+        if not made[2].done:
+            return None
+        self.planning = None
+        return made[2].result()
+
+    def _set_out(self, map: Grid, grid: Grid, goal: Goal, here: XY) -> AntwayPolicy | BadInput:
+        """Return a newly started policy, or why the goal is refused; its map is that of the goal's corridor, if it has one."""
         settings, into = self.settings, inverse(self.frame)
-        grid = self.grid
+        try:
+            standing_cell("goal", goal.xy, map, self.inflated_grid(map), settings.robot.radius)
+        except BadInput as wrong:
+            return wrong
         if goal.path is not None:
             grid = corridor(grid, np.vstack((here, move(into, goal.path))), settings.corridor + settings.robot.radius)
         policy = AntwayPolicy(**settings.policy)
-        task = Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task)
-        policy.reset(task, 0)
-        if self.guard_process is not None:
-            self.guard_process.reset(task)
+        policy.reset(Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task), 0)
         return policy
 
     def _same_path(self, before: Goal, goal: Goal) -> bool:
         """Tell whether `goal` is the previous one, with a path in the inner half of the same corridor."""
         if before.path is None or goal.path is None or math.dist(before.xy, goal.xy) > self.grid.resolution:
             return False
-        paths = [move(inverse(self.frame), path) for path in (before.path, goal.path)]
-        return keeps_within(corridor(self.grid, paths[0], self.settings.corridor / 2), paths[1])
+        path, other = (move(inverse(self.frame), path) for path in (before.path, goal.path))
+        return keeps_near(self.grid, path, other, self.settings.corridor / 2)
 
     # What is shown
 
@@ -428,12 +396,7 @@ class Pilot:
         lines = predictions(tracks, self.grid, horizon)
         return [np.column_stack((line[:, 0], move(self.frame, line[:, 1:]))) for line in lines]
 
-    def pheromone(self) -> tuple[NDArray[np.int8], tuple[float, float, float]] | None:
+    def pheromone(self) -> tuple[NDArray[np.int8], Pose] | None:
         """Return the ants' pheromone as costs from 0 to 100 in its bounding window, and the pose of the window's corner."""
         found = None if self.policy is None else self.policy.explain().pheromone
-        if found is None or self.policy is None:
-            return None
-        row, col, tau = found
-        grid = self.policy.task.grid
-        corner = grid.origin[0] + col * grid.resolution, grid.origin[1] + row * grid.resolution, 0.0
-        return np.rint(100.0 * tau / max(float(tau.max()), 1e-30)).astype(np.int8), chain(self.frame, corner)
+        return None if found is None or self.policy is None else shades(*found, self.policy.task.grid, self.frame)

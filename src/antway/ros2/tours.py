@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from antway.errors import BadInput, CellBlocked, OutOfBounds
 from antway.grid import Grid
 from antway.ros2.frames import Pose
+from antway.ros2.goals import End, Goal
 from antway.ros2.nav2 import (
     ENDS,
     GOAL_OCCUPIED,
@@ -24,7 +25,6 @@ from antway.ros2.nav2 import (
     Failure,
     in_thread,
 )
-from antway.ros2.pilot import End, Goal
 from antway.tours.plan import plan_tour
 
 if TYPE_CHECKING:

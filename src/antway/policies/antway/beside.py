@@ -49,6 +49,11 @@ class Beside(Generic[R]):
         except BaseException as error:
             self._done.set_exception(error)
 
+    @property
+    def done(self) -> bool:
+        """Whether the result is there."""
+        return self._done.done()
+
     def result(self) -> R:
         """Return the result once it is there; raise what the work raised."""
         return self._done.result()
