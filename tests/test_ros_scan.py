@@ -149,17 +149,30 @@ def test_malformed_scans_are_refused():
     points, beams = read_points(scan_of([math.nan, math.inf, -math.inf, 1.0, 9.0, 0.01]))
     assert beams.tolist() == [2, 3]
     np.testing.assert_allclose(np.hypot(*points.T), [0.05, 1.0])
+    points, beams = read_points(scan_of([0.0, 0.01, 1.0, 50.0, math.inf], range_min=0.0, range_max=math.inf))
+    assert beams.tolist() == [1, 2, 3], "0 is no return, and pointcloud_to_laserscan does not limit ranges"
     for name, value in (
         ("angle_increment", 0.0),
         ("angle_increment", 1.7e308),
         ("angle_min", math.nan),
-        ("range_max", math.inf),
-        ("range_max", 1e300),
+        ("range_max", math.nan),
+        ("range_max", -math.inf),
     ):
         with pytest.raises(BadParameter, match=name):
             read_points(scan_of([1.0], **{name: value}))
     with pytest.raises(BadParameter, match="ranges"):
         read_points(SimpleNamespace(angle_min=0.0, angle_increment=0.1, range_min=0.0, range_max=1.0, ranges=[]))
+
+
+def test_scans_of_a_clock_that_is_ahead_are_dropped() -> None:
+    """They used to be waited for, so that the robot drove on by scans that were old."""
+    laser = Laser(0.5)
+    laser.moved(10.0, (0.0, 0.0, 0.0))
+    for stamp in (10.7, 10.8):
+        laser.receive(stamp, scan_of([1.0]))
+    assert laser.drop_newer(10.3, 0.5) == 0.0 and len(laser.waiting) == 2
+    assert laser.drop_newer(10.0, 0.5) == pytest.approx(0.7) and not laser.waiting
+    assert laser.drop_newer(10.0, 0.5) == 0.0 and laser.newest == 10.0 and Laser(0.5).newest == -math.inf
 
 
 def test_a_scan_with_too_few_valid_beams_is_none():

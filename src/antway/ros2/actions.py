@@ -76,8 +76,8 @@ class Served:
         if not self.asked:
             self.node.destroy_service(self.service)
         for server in self.servers:
-            if self.ending:  # once the executor has sent the results of goals that have just ended
-                self.node.executor.create_task(server.destroy)
+            if self.ending:  # a task makes their results, and another sends them; this one comes after both
+                self.node.executor.create_task(self.node.executor.create_task, server.destroy)
             else:
                 server.destroy()
 

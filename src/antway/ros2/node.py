@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import signal
 import sys
@@ -250,9 +249,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             if len(names) > 1:
                 raise BadParameter("header.frame_id", sorted(names), "the same throughout a message")
             frame = self.frame(names.pop()) if names else frames.HERE
-            return t, self.tracker.update(
-                t, frames.move_tracks(frame, tracks), self.pilot.odometry.xy if self.pilot.odometry else (0.0, 0.0)
-            )
+            here = self.pilot.odometry.xy if self.pilot.odometry else (0.0, 0.0)
+            return t, self.tracker.update(t, frames.move_tracks(frame, tracks), here)
 
         found = self._read(OBSTACLES, read, message)
         if found is not None:
@@ -268,8 +266,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         """Use the newest of the kept scans whose times odometry, now at `t` s, has reached."""
         settings, grid, laser = self.settings, self.pilot.map, self.laser
         reached = None if grid is None else newest_reached(laser.waiting, t)
-        if laser.waiting and laser.waiting[0][0] > t + settings.timeout:
-            self.pilot.faults[OBSTACLES] = time.monotonic(), f"scans are {laser.waiting[0][0] - t:.2f} s newer than odometry"
+        if (ahead := laser.drop_newer(t, settings.timeout)) > 0.0:
+            self.pilot.faults[OBSTACLES] = time.monotonic(), f"scans are {ahead:.2f} s newer than odometry"
         if grid is None or reached is None or self.pilot.overtaken(laser.middle(reached)):
             return
 
@@ -295,15 +293,16 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         odometry = self._read(ODOMETRY, read, message)
         if odometry is None:
             return
-        t, now = odometry.t, time.monotonic()
-        last = self.laser.trail[-1][0] if self.laser.trail else -math.inf
-        if t < last:  # time went back, so an older map may be newer
+        t, now, late = odometry.t, time.monotonic(), self.laser.newest - odometry.t
+        if 0.0 < late <= self.settings.robot.dt:
+            return  # a newer message has overtaken it
+        if late > 0.0:  # time went back, so an older map may be newer
             self.maps.time_went_back()
         self.laser.moved(t, (*odometry.xy, odometry.heading))
         self._see(t)
         if self._do(self.pilot.receive_odometry(odometry, now)):
             self._show(t)
-        if t == last:  # what does not move on is silent
+        if late == 0.0:  # what does not move on is silent
             self.pilot.faults[ODOMETRY] = now, f"odometry's stamp stays at {t:.3f} s"
         else:
             self.heard = time.monotonic()  # the time for the start does not count as silence

@@ -29,13 +29,14 @@ Discs = tuple[NDArray[np.float64], NDArray[np.float64]]  # centres, float64[N, 2
 def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the points of a sensor_msgs/msg/LaserScan, float64[N, 2] in m in the laser's frame, and which beams they are.
 
-    A range of -inf (too near to measure, REP 117) counts as range_min; NaN and ranges out of limits give no point.
+    A range of -inf (too near to measure, REP 117) counts as range_min; NaN, 0 and ranges out of limits give no point. range_max
+    may be infinite.
 
     Parameters
     ----------
     message : sensor_msgs/msg/LaserScan
     valid : float
-        Share of the beams that must be valid, [0, 1]: NaN and ranges below range_min are invalid. A covered or broken laser
+        Share of the beams that must be valid, [0, 1]: NaN, 0 and ranges below range_min are invalid. A covered or broken laser
         does not mean that the place is empty.
 
     Raises
@@ -49,9 +50,10 @@ def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], 
         checks.number(n, getattr(message, n), low=-MAX_ANGLE, high=MAX_ANGLE, unit="rad", where=where)
         for n in ("angle_min", "angle_increment")
     )
+    limits = message.range_min, min(message.range_max, MAX_PLACE)  # pointcloud_to_laserscan leaves range_max infinite
     near, far = (
-        checks.number(n, getattr(message, n), low=-MAX_PLACE, high=MAX_PLACE, unit="m", where=where)
-        for n in ("range_min", "range_max")
+        checks.number(n, value, low=-MAX_PLACE, high=MAX_PLACE, unit="m", where=where)
+        for n, value in zip(("range_min", "range_max"), limits, strict=True)
     )
     r = np.asarray(message.ranges, np.float64)
     if step == 0.0:
@@ -60,6 +62,7 @@ def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], 
         raise BadParameter("ranges.shape", r.shape, "(N,) with N > 0", where=where)
     if not 0.0 <= near <= far:
         raise BadParameter("range_min, range_max", (near, far), "0 <= range_min <= range_max (m)", where=where)
+    r = np.where(r == 0.0, math.nan, r)  # so drivers mark beams without a return
     sound = float(((r >= near) | (r == -math.inf)).mean())
     if sound < valid:
         raise BadParameter("ranges", f"{100 * sound:.0f} % valid", f"valid in at least {100 * valid:g} % of beams", where=where)
@@ -108,9 +111,22 @@ class Laser:
         """Keep a scan whose first beam was measured at `stamp` s."""
         self.waiting.append((stamp + self._sweep(message), message))
 
+    def drop_newer(self, t: float, most: float) -> float:
+        """If all scans that wait are newer than `t` s by more than `most` s, drop them and return by how much, s; else 0."""
+        ahead = min((one[0] for one in self.waiting), default=t) - t
+        if ahead <= most:
+            return 0.0
+        self.waiting.clear()
+        return ahead
+
+    @property
+    def newest(self) -> float:
+        """The time of the newest odometry, s; -inf before the first."""
+        return self.trail[-1][0] if self.trail else -math.inf
+
     def moved(self, t: float, pose: Pose) -> None:
         """Receive where the robot is at `t` s; where it was long ago is forgotten. If time goes back, all is."""
-        if self.trail and t < self.trail[-1][0]:
+        if t < self.newest:
             self.trail.clear()
             self.waiting.clear()
         self.trail.append((t, pose))
