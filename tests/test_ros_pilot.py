@@ -226,6 +226,11 @@ def test_converters_are_found_by_name():
     kind = {"obstacles_type": "geometry_msgs/msg/PolygonStamped"}
     reader = settings(**kind, obstacles_converter="antway.ros2.convert:read_markers").reader
     assert reader is not None and reader.__name__ == "read_markers"
+    for odd in (SimpleNamespace(), None, []):  # what a converter makes of them is an error of its own
+        with pytest.raises(BadParameter, match="read each message"):
+            settings(**kind, obstacles_converter="antway.ros2.convert:read_markers").reader(odd)
+    with pytest.raises(BadParameter, match="tracks"):
+        settings(**kind, obstacles_converter="math:modf").reader(1.5)
     for hook in ("nowhere:f", "antway.ros2.convert:nothing", "antway.ros2.convert", "antway.ros2.convert:SPHERE", ":f", "..:x"):
         with pytest.raises(BadParameter, match="obstacles_converter"):
             settings(**kind, obstacles_converter=hook)

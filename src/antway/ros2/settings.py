@@ -22,7 +22,7 @@ from antway.limits import MAX_PLACE, MAX_SPEED
 from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2 import convert
 from antway.tables import PLANNERS, ROBOTS, names
-from antway.world.policy import RobotSpec, Task
+from antway.world.policy import RobotSpec, Task, Tracks
 from antway.world.robots import DRIVES, load_robot
 
 LASER = "sensor_msgs/msg/LaserScan"
@@ -222,8 +222,17 @@ def _reader(kind: str, hook: str, radius: float) -> Callable[[Any], Any] | None:
         raise BadParameter("obstacles_converter", hook, "module:function; this is none")
     if len(str(kind).split("/")) != 3:
         raise BadParameter("obstacles_type", kind, "the name of a type, such as geometry_msgs/msg/PoseArray")
-    found: Callable[[Any], Any] = reader
-    return found
+
+    def read(message: Any) -> tuple[float, Tracks]:
+        try:
+            t, tracks = reader(message)
+        except BadInput:
+            raise
+        except Exception as error:  # whatever the function raises; the robot stands, and the node says why
+            raise BadParameter("obstacles_converter", hook, f"able to read each message ({error!r})") from None
+        return checks.number("t", t, where=hook), checks.instance("tracks", tracks, Tracks)
+
+    return read
 
 
 def defaults(**changes: Any) -> dict[str, Any]:
