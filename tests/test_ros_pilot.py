@@ -20,7 +20,7 @@ from antway.planning import Problem, solve
 from antway.policies.antway import beside
 from antway.policies.guard_process import GuardProcess
 from antway.ros2 import compile as compiling
-from antway.ros2 import nav2, tours
+from antway.ros2 import convert, nav2, tours
 from antway.ros2.frames import Odometry
 from antway.ros2.goals import ERROR, OK, STAND, Answer, End, Goal
 from antway.ros2.markers import decision_message, predictions, predictions_message
@@ -225,7 +225,8 @@ def test_converters_are_found_by_name():
     """A converter is imported by module:function; what cannot be is refused by name."""
     kind = {"obstacles_type": "geometry_msgs/msg/PolygonStamped"}
     reader = settings(**kind, obstacles_converter="antway.ros2.convert:read_markers").reader
-    assert reader is not None and reader.__name__ == "read_markers"
+    t, tracks = reader(convert.markers_message(Tracks.none(), 3.0))
+    assert t == 3.0 and len(tracks) == 0
     for odd in (SimpleNamespace(), None, []):  # what a converter makes of them is an error of its own
         with pytest.raises(BadParameter, match="read each message"):
             settings(**kind, obstacles_converter="antway.ros2.convert:read_markers").reader(odd)
@@ -315,6 +316,20 @@ def test_jumps_of_the_clock_stop_it_once():
     assert drive.step(dt=3.0, passed=3.0).drives and drive.pilot.policy is policy, (
         "odometry that was away, or a node that was busy"
     )
+
+
+def test_a_goal_that_is_repeated_changes_nothing() -> None:
+    """Tools publish goal_pose again and again; each time the robot used to stop, and to plan anew."""
+    drive = ready(Goal((10.0, 2.0)))
+    policy = drive.pilot.policy
+    for _ in range(3):
+        answer = drive.pilot.go(Goal((10.0, 2.0)))
+        assert answer is not None and answer.drives and answer.end is End.REPLACED
+        assert drive.step().drives and drive.pilot.policy is policy
+    for other in (Goal((10.0, 2.1)), Goal((10.0, 2.1), yaw=1.0), Goal((10.0, 2.1), np.array([[2.0, 2.0], [10.0, 2.0]]))):
+        answer = drive.pilot.go(other)
+        assert answer is not None and "pre-empted" in answer.reason
+        drive.step()
 
 
 def test_odometry_that_was_overtaken_is_dropped() -> None:

@@ -373,8 +373,10 @@ class Pilot:
         return policy
 
     def _same_path(self, before: Goal, goal: Goal) -> bool:
-        """Tell whether `goal` is the previous one, with a path in the inner half of the same corridor."""
-        if before.path is None or goal.path is None or math.dist(before.xy, goal.xy) > self.grid.resolution:
+        """Tell whether `goal` is the previous one, without a path or with one in the inner half of the same corridor."""
+        if before.path is None or goal.path is None:
+            return before.path is goal.path and before == goal
+        if math.dist(before.xy, goal.xy) > self.grid.resolution:
             return False
         path, other = (move(inverse(self.frame), path) for path in (before.path, goal.path))
         return keeps_near(self.grid, path, other, self.settings.corridor / 2)
