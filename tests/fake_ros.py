@@ -103,6 +103,7 @@ def node_module(monkeypatch: Any) -> ModuleType:
             "CancelResponse": Enum("CancelResponse", ["REJECT", "ACCEPT"]),
             "GoalResponse": Enum("GoalResponse", ["REJECT", "ACCEPT"]),
         },
+        "rclpy._rclpy_pybind11": {"RCLError": type("RCLError", (RuntimeError,), {})},
         "rclpy.clock": {"Clock": any_kind, "ClockType": SimpleNamespace(STEADY_TIME=1)},
         "rclpy.duration": {"Duration": any_kind},
         "rclpy.exceptions": {"ParameterException": type("ParameterException", (Exception,), {})},

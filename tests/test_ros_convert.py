@@ -211,3 +211,14 @@ def test_a_robot_on_a_ramp_has_the_heading_that_is_seen_from_above(yaw: float) -
     for wrong in (turned(0.5), turned(0.1, 0.9), turned(0.1, 1.1), turned(math.nan)):
         with pytest.raises(BadParameter, match="orientation"):
             convert.read_odometry(wrong)
+
+
+def test_a_map_that_was_refused_as_older_counts_once_time_went_back() -> None:
+    """A simulation that begins anew sends its map once, often before its clock is seen to go back."""
+    reader = convert.MapReader("map", 100)
+    old, new = (convert.grid_message(Grid(np.full((2, 3), blocked), 0.5), t=t) for blocked, t in ((False, 50.0), (True, 1.0)))
+    reader.read(old)
+    with pytest.raises(BadMap, match="no older"):
+        reader.read(new)
+    assert reader.time_went_back() is new and reader.read(new).blocked.all()
+    assert reader.time_went_back() is None

@@ -235,6 +235,7 @@ def test_up_and_down():
         ("robot.radius", "wide", "robot.radius = 'wide': must be a finite number"),
         ("robot.raduis", "0.3", "no parameter has this name; there is robot.radius"),
         ("autostart", "true", "robot.drive = '': must be holonomic"),
+        ("robot.footprint", "{{}", "parse"),
     ],
 )
 def test_a_wrong_parameter_is_one_line_and_status_two(name: str, value: str, said: str) -> None:

@@ -132,6 +132,7 @@ def test_parameters_show_the_robot_in_force(made) -> None:
     assert "robot.v_max" not in node.declared.values, "it is not set, so that another name brings its own"
     found = node.set_parameters_atomically([SimpleNamespace(name="robot.name", value="jackal")])
     assert found.successful and "next configure" in found.reason
+    assert any("robot.name: it takes effect at the next configure" in text for _, text in node.said), "rclpy drops the reason"
     node.on_cleanup(None)
     assert node.on_configure(None).name == "SUCCESS" and node.told["robot.v_max"] == node.settings.robot.v_max == 2.0
 

@@ -154,11 +154,13 @@ class MapReader:
         self.frame, self.occupied = frame, occupied
         self.info: Any = None  # the meta data of the map in use
         self.early: Any = None  # an update that came before its map
-        self.time_went_back()
-
-    def time_went_back(self) -> None:
-        """Let a map or update follow that is older than the last one."""
+        self.refused: Any = None  # a map that is older than the one in use; it is sent once only
         self.stamp = -math.inf  # s
+
+    def time_went_back(self) -> Any:
+        """Let a map or update follow that is older than the last one; return a map that was refused for that, or None."""
+        self.stamp, refused, self.refused = -math.inf, self.refused, None
+        return refused
 
     def _stamp(self, message: Any) -> float:
         checks.choice("header.frame_id", message.header.frame_id, [self.frame])
@@ -168,9 +170,10 @@ class MapReader:
         """Return the map in a nav_msgs/msg/OccupancyGrid; raise `BadInput` if it is malformed or older than the one in use."""
         stamp = self._stamp(message)
         if stamp < self.stamp:
+            self.refused = message
             raise BadMap("header.stamp", stamp, f"no older than that of the map in use, {self.stamp} s")
         grid = read_grid(message, occupied=self.occupied)
-        self.stamp, self.info, early, self.early = stamp, message.info, self.early, None
+        self.stamp, self.info, early, self.early, self.refused = stamp, message.info, self.early, None, None
         self.costs = np.array(message.data, np.int8).reshape(grid.shape)
         try:
             return grid if early is None else self.update(early) or grid

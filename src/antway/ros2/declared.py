@@ -66,6 +66,8 @@ class Declared:
         if not self.telling:
             self.values = values
         reason = "it takes effect at the next configure" if self.configured else ""
+        if reason and not self.telling:  # rclpy answers with the reason of its own callback
+            self.node.get_logger().info(f"{', '.join(one.name for one in changed)}: {reason}")
         return make("rcl_interfaces/msg/SetParametersResult", successful=True, reason=reason)
 
     def tell(self, robot: RobotSpec) -> None:

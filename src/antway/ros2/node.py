@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterException
@@ -296,8 +297,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         t, now, late = odometry.t, time.monotonic(), self.laser.newest - odometry.t
         if 0.0 < late <= self.settings.robot.dt:
             return  # a newer message has overtaken it
-        if late > 0.0:  # time went back, so an older map may be newer
-            self.maps.time_went_back()
+        if late > 0.0 and (refused := self.maps.time_went_back()) is not None:  # an older map may be newer then
+            self._on_map(refused)
         self.laser.moved(t, (*odometry.xy, odometry.heading))
         self._see(t)
         if self._do(self.pilot.receive_odometry(odometry, now)):
@@ -412,7 +413,6 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
 def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
     """Run the node (with the actions `kinds`, if given) until SIGINT or SIGTERM, and stop the robot at the end."""
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     over, node = False, None
 
     def end(*_: Any) -> None:
@@ -423,9 +423,10 @@ def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
 
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         executor, node = SingleThreadedExecutor(), AntwayNode(kinds)
-    except (BadInput, ParameterException) as error:
-        rclpy.shutdown()
+    except (BadInput, ParameterException, RCLError) as error:
+        rclpy.try_shutdown()
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     executor.add_node(node)
