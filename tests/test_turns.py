@@ -19,7 +19,8 @@ from antway.kernels.tracking.table import make_table
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.tracker import Tracker
-from antway.world.motions import Waypoints
+from antway.world.motions import Line, Waypoints
+from antway.world.robots import load_robot
 from antway.world.rollouts import empty_outlook
 from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
@@ -171,3 +172,14 @@ def test_scans_whose_time_goes_back_count_for_nothing() -> None:
         estimates[0, VX] = float(i % 4 // 2)
         velocity_changes(table, turns, estimates, ROOM, float(i % 2), np.empty((1, 4)))
     assert turns.tolist() == [FIRST_SECONDS, 0.0, 0.0]
+
+
+def test_who_stopped_dead_is_passed_as_somebody_who_stands() -> None:
+    """After one had stopped, the slow robot expected him to set off as suddenly again, and waited for 20 to 30 s beside him."""
+    blocked = np.ones((40, 150), np.bool_)
+    blocked[10:30, 5:-5] = False
+    somebody = Obstacle(0.25, Line((9.0, 2.0), (6.0, 2.0), speed=1.0))
+    corridor = Scenario(World(Grid(blocked, 0.1), [somebody]), (1.5, 2.0), (12.5, 2.0), load_robot("turtlebot4"), horizon=120.0)
+    result = run(corridor, "antway", seed=0)
+    check_episode(result)
+    assert result.reached and result.time < 1.15 * 11.0 / 0.31
