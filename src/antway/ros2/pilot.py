@@ -118,7 +118,7 @@ class Pilot:
     def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> Answer:
         """Stop, and end the goal."""
         done = None if self.goal is None else end
-        self.goal = self.policy = self.turner = None
+        self.goal = self.policy = self.turner = self.planning = None
         return self._hold(level, reason, done)
 
     def silent(self, seconds: float) -> Answer | None:

@@ -31,7 +31,7 @@ _WALL_MARGIN = 0.05  # m; robots with inertia keep this from walls where they ca
 _FINE = 0.4  # 1; such robots need cells that are no larger than this share of the radius
 _SPARSE = 0.5  # 1; nodes of the plan of a robot that follows it are no farther apart than this share of the radius, or a cell
 _LONGER = 1.02  # 1; paths between fewer nodes may take this times as long
-_TURNED = 0.05  # rad; where a robot cannot turn but is turned by more than this, it is planned for anew
+_TURNED = 0.1  # rad; where a robot cannot turn but is turned by more than this, it is planned for anew
 _ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, where one of them is too near to a wall
 
 
