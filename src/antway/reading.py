@@ -12,7 +12,7 @@ import stat
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -74,7 +74,8 @@ def decoded(data: bytes, where: str, *, error: type[BadInput] = BadMap, field: s
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as fault:
-        raise error(field, data[:40], f"text in UTF-8 ({fault.reason} at byte {fault.start})", where=where) from None
+        allowed = f"text in UTF-8 ({fault.reason} at byte {fault.start})"
+        raise error(field, PurePath(where).name or data[:40], allowed, where=where) from None
 
 
 def read_text(path: Path, most: int, *, error: type[BadInput] = BadMap, field: str = "file") -> str:
@@ -133,7 +134,7 @@ def read_toml_file(path: Path, most: int, field: str) -> dict[str, Any]:
     except BadInput:
         raise
     except (ValueError, RecursionError) as error:
-        raise BadScenario(field, str(error), "a TOML file in UTF-8", where=where) from None
+        raise BadScenario(field, path.name, f"a TOML file ({error})", where=where) from None
 
 
 def check_yaml(data: bytes, where: str, *, events: int, depth: int, aliases: int, error: type[BadInput] = BadMap) -> list[str]:
@@ -171,7 +172,7 @@ def check_yaml(data: bytes, where: str, *, events: int, depth: int, aliases: int
     except BadInput:
         raise
     except (yaml.YAMLError, OverflowError, ValueError) as fault:
-        raise error("YAML", str(fault), "well-formed", where=where) from None
+        raise error("YAML", PurePath(where).name, f"well-formed ({' '.join(str(fault).split())})", where=where) from None
     return scalars
 
 

@@ -311,9 +311,9 @@ def load_robot(name: str | Path) -> RobotSpec:
     record = read_toml_file(path, _MAX_BYTES, "robot")
     record = record.get("robot", record)
     known = [f.name for f in fields(RobotSpec)]
-    for key in record if isinstance(record, dict) else ["robot"]:
+    for key, value in record.items() if isinstance(record, dict) else [("robot", record)]:
         if key not in known:
-            raise BadScenario(f"robot.{key}", record, f"left out; the keys are {', '.join(known)}", where=where)
+            raise BadScenario(f"robot.{key}", value, f"left out; the keys are {', '.join(known)}", where=where)
     try:
         return RobotSpec(**record)
     except BadInput as error:

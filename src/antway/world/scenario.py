@@ -8,7 +8,7 @@ import warnings
 from dataclasses import MISSING, dataclass, field, fields, replace
 from itertools import chain
 from os import PathLike
-from os.path import isfile
+from os.path import isfile, lexists
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -266,7 +266,8 @@ def _file_below(value: object, name: str, folder: Path, where: str) -> Path:
     except (OSError, ValueError):  # such as a name longer than a file's may be
         found = False
     if not found:
-        raise BadScenario(name, value, allowed, where=where)
+        missing = " (there is no such file)" if ".." not in file.parts and not lexists(file) else ""
+        raise BadScenario(name, value, allowed + missing, where=where)
     return file
 
 
