@@ -286,7 +286,7 @@ def test_a_way_that_never_opens_ends_at_the_horizon() -> None:
     walled[:, 19] = True
     result = run(room(grid=Grid(walled, 0.25), horizon=5.0))
     assert result.outcome is Outcome.TIMEOUT and result.length == 0.0
-    assert result.trace.decisions[-1][1].action == "wait"
+    assert result.trace.decisions[-1][1].action == "stuck"
 
 
 def guarded_paper() -> Guarded:

@@ -135,17 +135,21 @@ def test_obstacles_go_straight_until_their_velocity_changes() -> None:
 
 
 def test_velocities_count_as_wrong_by_as_much_as_turns_change_them() -> None:
-    """A turn of 2 m/s in every 5 s has, drawn at random again and again, the spread along an axis that is assumed."""
+    """A turn of 2 m/s in every 5 s has, drawn at random again and again, the spread along an axis that is assumed.
+
+    That holds for those who move; whoever stands is predicted as well as before.
+    """
     task = Task(Grid(np.zeros((40, 40), np.bool_), 0.1), RobotSpec(a_max=1.0), (1.0, 1.0), (3.0, 3.0))
     colony = ControlColony(ControlOptions(turned=0.4), task, np.zeros((40, 40)), 3, None)
-    estimates = np.zeros((2, 8))
-    estimates[:, VX] = 0.1, 8.0
-    _, velocity = colony.deviations(estimates, np.array([0.02, 0.02]), 1.0, (0.2, 2.0)).T
+    estimates = np.zeros((3, 8))
+    estimates[:, VX] = 0.21, 8.0, 0.19
+    _, velocity = colony.deviations(estimates, np.array([0.02, 0.02, 0.02]), 1.0, (0.2, 2.0)).T
     rng = np.random.default_rng(5)
     number, angle = rng.poisson(0.2 * 0.4, 100_000), rng.uniform(-math.pi, math.pi, 100_000)
     assert velocity[0] == pytest.approx((2.0 * number.astype(bool) * np.cos(angle)).std(), rel=0.05)
     assert velocity[1] == pytest.approx(0.12 * 8.0)
-    _, velocity = colony.deviations(estimates, np.array([0.02, 0.02]), 0.0, (0.0, 0.0)).T
+    assert velocity[2] == 0.12 * 0.19
+    _, velocity = colony.deviations(estimates, np.array([0.02, 0.02, 0.02]), 0.0, (0.0, 0.0)).T
     assert velocity == pytest.approx(0.02)
 
 
