@@ -306,7 +306,7 @@ def read_odometry(message: Any) -> Odometry:
     """
     pose, where = message.pose.pose, "Odometry.pose"
     (x, y), q = _place(pose.position, where), pose.orientation
-    if math.hypot(q.x, q.y, q.z, q.w) <= 1.0 + _TILT and math.hypot(q.z, q.w) >= math.cos(_RAMP / 2.0):
+    if abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) <= _TILT and math.hypot(q.z, q.w) >= math.cos(_RAMP / 2.0):
         heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
     else:
         _, _, heading = read_pose(pose, where=where)  # which says what is wrong
