@@ -295,8 +295,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         if odometry is None:
             return
         t, now, late = odometry.t, time.monotonic(), self.laser.newest - odometry.t
-        if 0.0 < late <= self.settings.robot.dt:
-            return  # a newer message has overtaken it
+        if self.pilot.is_late(odometry.t):
+            return
         if late > 0.0 and (refused := self.maps.time_went_back()) is not None:  # an older map may be newer then
             self._on_map(refused)
         self.laser.moved(t, (*odometry.xy, odometry.heading))

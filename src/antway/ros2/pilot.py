@@ -90,6 +90,10 @@ class Pilot:
         """Tell whether obstacles seen at `t` s come after newer ones; by more than `timeout` is a jump of the clock."""
         return self.scan is not None and 0.0 < self.scan[0] - t <= self.settings.timeout
 
+    def is_late(self, t: float) -> bool:
+        """Tell whether odometry of `t` s comes after newer odometry; by more than a control period is a jump of the clock."""
+        return self.odometry is not None and 0.0 < self.odometry.t - t <= self.settings.robot.dt
+
     def inflated_grid(self, grid: Grid) -> Grid:
         """Return `grid` inflated by the robot's radius; the newest one is kept. Any thread may call this."""
         kept = self.inflated
@@ -147,7 +151,7 @@ class Pilot:
         older by no more than a control period was overtaken by a newer message, and is dropped.
         """
         before, dt = self.odometry, self.settings.robot.dt
-        if before is not None and 0.0 < before.t - odometry.t <= dt:
+        if self.is_late(odometry.t):
             return None
         self.odometry, passed, self.now = odometry, now - self.now, now
         if before is not None and not 0.0 <= odometry.t - before.t <= self.settings.timeout + passed:
@@ -303,7 +307,8 @@ class Pilot:
 
     def _send(self, pair: XY) -> None:
         """Record a command that does not act yet."""
-        self.sent = np.vstack((self.sent, [pair]))[1:]
+        if len(self.sent):
+            self.sent = np.vstack((self.sent[1:], [pair]))
 
     def _turn(self, goal: Goal, odometry: Odometry) -> Answer:
         """Turn in place towards the goal's yaw, as far as the guard lets a footprint turn."""
@@ -359,11 +364,11 @@ class Pilot:
         self.planning = None
         return made[2].result()
 
-    def _set_out(self, map: Grid, grid: Grid, goal: Goal, here: XY) -> AntwayPolicy | BadInput:
+    def _set_out(self, given: Grid, grid: Grid, goal: Goal, here: XY) -> AntwayPolicy | BadInput:
         """Return a newly started policy, or why the goal is refused; its map is that of the goal's corridor, if it has one."""
         settings, into = self.settings, inverse(self.frame)
         try:
-            standing_cell("goal", goal.xy, map, self.inflated_grid(map), settings.robot.radius)
+            standing_cell("goal", goal.xy, given, self.inflated_grid(given), settings.robot.radius)
         except BadInput as wrong:
             return wrong
         if goal.path is not None:

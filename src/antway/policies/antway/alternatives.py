@@ -20,6 +20,7 @@ from antway.kernels.spacetime.memory import KNOTS, Memory
 from antway.kernels.spacetime.motion import first_conflict, shorten, trace_back
 from antway.kernels.tracking.predict import predict, time_shift
 from antway.planning import TimedPath
+from antway.policies.antway.detours import row_col
 from antway.policies.antway.state import make_memory, make_trails
 from antway.world.policy import XY
 
@@ -55,8 +56,8 @@ class Snapshot:
 
     def is_cut_off(self) -> bool:
         """Tell whether the robot can stand at nodes near it, and none of them has a path to the goal."""
-        c, (x, y), far = self.context, self.xy, self.settings.colony.leg_cells
-        row, col = round((y - c.y0) / c.resolution), round((x - c.x0) / c.resolution)
+        c, far = self.context, self.settings.colony.leg_cells
+        row, col = row_col(c, self.xy)
         near = np.s_[max(row - far, 0) : max(row + far + 1, 0), max(col - far, 0) : max(col + far + 1, 0)]
         legal, field = (each.reshape(c.rows, c.cols)[near] for each in (c.legal, c.field))
         return bool(legal.any() and np.isinf(field[legal > 0]).all())

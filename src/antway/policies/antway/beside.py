@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 R = TypeVar("R")
 
 _AT_ONCE = 2**16  # number of nodes; work on a smaller map is done within the cycle
-_PACE = 5e5  # nodes/s; with this pace the work is expected to be done, several times as slow as it is
+_PACE = 5e5  # nodes/s; a result is used after the time that its map takes at this pace, at which it is there long since
 
 
 class Beside(Generic[R]):

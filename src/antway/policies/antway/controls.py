@@ -38,7 +38,7 @@ _SPREADS = 2.0  # 1; beyond the margin to walls, room is kept for this many stan
 _HIGHEST = {"horizon": 100.0, "block": 100.0, "exploration": 1.0}  # values of these `ControlOptions`
 _STAND = 0.3  # 1; a robot stands unless moving is better by this share of what falling behind the plan costs in a period
 _DEEPER = 1e-3  # m; a robot whose place is in a wall gets no deeper in it than this
-_STANDS = 0.2  # m/s; an obstacle that is slower stands, and the rate of turns is that of those that move
+_AT_REST = 0.2  # m/s; an obstacle that is slower is at rest, and turns are expected of those that move
 _STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
@@ -284,7 +284,7 @@ class ControlColony:
         turned = math.sqrt(0.5 * rate * self.options.turned) * change  # along one axis
         speed = np.hypot(estimates[:, VX], estimates[:, VY])
         unsure = self.unsure * min(self.slowness * distrust, 1.0)
-        least = np.maximum(unsure * speed, np.where(speed < _STANDS, 0.0, turned))
+        least = np.maximum(unsure * speed, np.where(speed < _AT_REST, 0.0, turned))
         return np.column_stack((estimates[:, SIGMA], np.maximum(velocity_error, least)))
 
     def act(

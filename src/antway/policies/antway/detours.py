@@ -160,7 +160,7 @@ class Detours:
 
 def _time_to_go(contexts: Contexts, times: list[NDArray[np.float64]], xy: XY) -> float:
     """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite without one."""
-    context, (row, col) = contexts[-1], _row_col(contexts[-1], xy)
+    context, (row, col) = contexts[-1], row_col(contexts[-1], xy)
     here = float(times[-1][node_near(context, xy)])
     if math.isinf(here):
         field = times[-1].reshape(context.rows, context.cols)
@@ -193,14 +193,14 @@ def middles(rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.
     return 0.5 * (rows[:, stays.LOW_X] + rows[:, stays.HIGH_X]), 0.5 * (rows[:, stays.LOW_Y] + rows[:, stays.HIGH_Y])
 
 
-def _row_col(context: PlanningContext, xy: XY) -> tuple[int, int]:
+def row_col(context: PlanningContext, xy: XY) -> tuple[int, int]:
     """Return row and column of the place of nodes that is nearest to `xy`, on the map or beside it."""
     return round((xy[1] - context.y0) / context.resolution), round((xy[0] - context.x0) / context.resolution)
 
 
 def node_near(context: PlanningContext, xy: XY) -> int:
     """Return the node, free or not, that is nearest to a place."""
-    row, col = _row_col(context, xy)
+    row, col = row_col(context, xy)
     return min(max(row, 0), context.rows - 1) * context.cols + min(max(col, 0), context.cols - 1)
 
 

@@ -28,8 +28,8 @@ _DOUBT = "the velocities of obstacles that the sensor reports do not fit their p
 _LATE = 0.05  # s; a robot that loses less time than this is not held up
 
 
-def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.float32]] | None, memory: Memory) -> None:
-    """Make the explanation of the cycle that `s.cycle` tells of; `why` is the guard's reason, the rest is as in `explain`."""
+def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.float32]] | None, memory: Memory) -> Decision:
+    """Return the explanation of the cycle that `s.cycle` tells of; `why` is the guard's reason, the rest is as in `explain`."""
     assert s.cycle is not None, "act comes first"
     (seen, arrival, bound), known = s.cycle, len(s.tracker.estimates)
     t, (x, y) = float(seen.t), seen.xy
@@ -49,7 +49,7 @@ def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.floa
     made = explain(snapshot, s.path, arrival - t, bound - t, s.guard_did, pheromone, memory)
     doubt = _DOUBT if s.tracker.doubts_velocities else ""
     notes = made.reason, why, str(s.yielding), str(s.dance), str(s.response), doubt
-    s.decision = replace(made, reason="; ".join(filter(None, notes)))
+    return replace(made, reason="; ".join(filter(None, notes)))
 
 
 def explain(

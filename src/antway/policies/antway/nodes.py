@@ -21,6 +21,8 @@ from antway.world.line_of_sight import nearest_free, start_cell
 from antway.world.policy import XY, RobotSpec, Task
 from antway.world.terrain import body_of, terrain_of, walls_of
 
+ContextPair = tuple[PlanningContext, PlanningContext]  # between nodes that suit the robot, and between all cells
+
 _HERE = np.zeros((1, 2), np.int32)  # a single move of length 0; read-only like all moves, so that the kernel is compiled once
 _HERE.flags.writeable = False
 _RADII = 6  # number of discs tried, from the one around the footprint to the one inside it
@@ -35,10 +37,7 @@ _TURNED = 0.1  # rad; where a robot cannot turn but is turned by more than this,
 _ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, where one of them is too near to a wall
 
 
-Contexts = tuple[PlanningContext, PlanningContext]
-
-
-def contexts_for(task: Task, moves: Moves, heading: float) -> tuple[Contexts, Contexts | None]:
+def contexts_for(task: Task, moves: Moves, heading: float) -> tuple[ContextPair, ContextPair | None]:
     """Return the contexts of `planning_contexts`, and those of `narrow_contexts`.
 
     With a `heading`, rad, they are for a robot that keeps its footprint in that heading; NaN stands for none.
@@ -87,7 +86,7 @@ def in_heading(task: Task, context: PlanningContext, heading: float, moves: Move
     return context
 
 
-def planning_contexts(task: Task, moves: Moves) -> Contexts:
+def planning_contexts(task: Task, moves: Moves) -> ContextPair:
     """Return the planning context between nodes at distances that suit the robot, and that between all cells of the task.
 
     The errors are those of `planning_context`.
@@ -97,7 +96,7 @@ def planning_contexts(task: Task, moves: Moves) -> Contexts:
     return with_far_nodes(task, over_cells, kept, start, goal, moves), kept
 
 
-def narrow_contexts(task: Task, moves: Moves, radius: float) -> Contexts | None:
+def narrow_contexts(task: Task, moves: Moves, radius: float) -> ContextPair | None:
     """Return the contexts of `planning_contexts` for a disc whose diameter is the smallest width of the footprint.
 
     None if that disc is not smaller than one of `radius` m, or does not fit at the start or at the goal.

@@ -397,8 +397,7 @@ class AntwayPolicy:
         """
         s = self._state
         if s.decision is None:
-            explain_cycle(s, self.guard.why if self.guard else "", self.pheromone(), self.memory())
-        assert s.decision is not None
+            s.decision = explain_cycle(s, self.guard.why if self.guard else "", self.pheromone(), self.memory())
         return s.decision
 
     def planned(self) -> TimedPath | None:
