@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from antway.arena.suites import Episode, load_suite, robot_name, stage
-from antway.policies.antway.controls import ControlOptions
+from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.episode import run
 from antway.world.trace import Outcome

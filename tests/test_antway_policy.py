@@ -33,7 +33,7 @@ from antway.planning import TimedPath
 from antway.policies.antway import state as state_module
 from antway.policies.antway import tracker as tracker_module
 from antway.policies.antway.alternatives import CROSSING, ELSE
-from antway.policies.antway.controls import ControlOptions
+from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.explain import wait_of
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guarded

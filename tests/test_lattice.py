@@ -11,7 +11,8 @@ from antway import Grid, RobotSpec
 from antway.kernels.base.records import RobotState
 from antway.kernels.controls.lattice import best_arcs
 from antway.kernels.controls.outlook import write_beyond
-from antway.policies.antway.controls import ControlColony, ControlOptions
+from antway.policies.antway.control_options import ControlOptions
+from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.nodes import make_context
 from antway.world.policy import Task
 from common import cases

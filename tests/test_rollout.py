@@ -20,7 +20,8 @@ from antway.kernels.controls.others import average, restart
 from antway.kernels.controls.outlook import spread_plan, write_beyond
 from antway.kernels.controls.path import path_of, same_path
 from antway.kernels.robot.motion import drive_cycle
-from antway.policies.antway.controls import ControlColony, ControlOptions
+from antway.policies.antway.control_options import ControlOptions
+from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.nodes import away_from_walls, make_context
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Line, RandomWalk

@@ -16,7 +16,8 @@ from antway.kernels.tracking.changes import COLUMNS, FIRST_SECONDS, velocity_cha
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import make_table
-from antway.policies.antway.controls import ControlColony, ControlOptions
+from antway.policies.antway.control_options import ControlOptions
+from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.tracker import Tracker
 from antway.world.motions import Line, Waypoints

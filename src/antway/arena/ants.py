@@ -15,7 +15,7 @@ from antway.ants.tsp import MMAS_WITH_SEARCH, Tsp, solve_tsp
 from antway.arena.suites import seed_of
 from antway.grid import Grid
 from antway.planning import Budget, Problem, Status, solve
-from antway.policies.antway.controls import ControlOptions
+from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
 from antway.scenes import SCENES
 from antway.tours.windowed import Path, search

@@ -25,7 +25,8 @@ from antway.kernels.tracking.predict import crosses_edge
 from antway.kernels.tracking.prediction_error import distrust
 from antway.planning import TimedPath
 from antway.policies.antway.beside import Beside
-from antway.policies.antway.controls import ControlColony, ControlOptions
+from antway.policies.antway.control_options import ControlOptions
+from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain_cycle
 from antway.policies.antway.nodes import contexts_for, is_turned, on_cells, with_fine_cells
