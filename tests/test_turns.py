@@ -20,10 +20,11 @@ from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.tracker import Tracker
-from antway.world.motions import Line, Waypoints
+from antway.world.motions import Line, Replay, Waypoints
 from antway.world.robots import load_robot
 from antway.world.rollouts import empty_outlook
 from antway.world.terrain import terrain_of
+from antway.world.trace import Outcome
 from antway.world.world import Obstacle
 from common import cases
 from naive import people as naive
@@ -188,3 +189,18 @@ def test_who_stopped_dead_is_passed_as_somebody_who_stands() -> None:
     result = run(corridor, "antway", seed=0)
     check_episode(result)
     assert result.reached and result.time < 1.15 * 11.0 / 0.31
+
+
+@pytest.mark.parametrize("stops_for", [0.01, 0.36, 0.53])
+def test_nobody_who_walks_ahead_and_stops_is_touched(stops_for: float) -> None:
+    """A robot that could not pass them came up so near and so fast behind that it touched them at 0.7 to 1.05 m/s."""
+    blocked = np.ones((35, 200), np.bool_)
+    blocked[10:25, 5:-5] = False
+    t = np.array([0.0, *np.linspace(2.5, 2.5 + stops_for, 20)])
+    x = 3.0 + 0.8 * (t - 0.5 * np.maximum(t - 2.5, 0.0) ** 2 / stops_for)
+    ahead = Obstacle(0.25, Replay(tuple(t.tolist()), tuple((at, 1.75) for at in x.tolist())))
+    corridor = Scenario(World(Grid(blocked, 0.1), [ahead]), (1.5, 1.75), (18.0, 1.75), load_robot("amr"), horizon=15.0)
+    for seed in range(cases(2, 20)):
+        result = run(corridor, "antway", seed=seed)
+        check_episode(result)
+        assert result.outcome is Outcome.TIMEOUT and result.trace.xy[-1, 0] > 3.0

@@ -69,6 +69,8 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
         )
         stands = np.array([x, y]) + course * speed**2 / (2.0 * limits.brake_max)
         late = w.stopping_time + speed / limits.brake_max
+        follows = k == 0 and speed > 1e-3
+        cost += w.follow * _depth_behind(now, course, speed, problem) if follows else 0.0
         for disc in outlook.disc[k, : outlook.near[k]].tolist():
             cx, cy, contact, preferred, top, vx, vy, straight, risky, owner, turn_distance, turn_time = disc
             share = np.linspace(0.0, 1.0, 2001)[:, None]
@@ -111,6 +113,19 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
         return cost - (len(controls) - 1 - arrived) * dt
     cost += afterwards_of(now, problem, math.exp(-w.decay * len(controls) * dt), harm)
     return cost + max(value, to_go + w.ramps * lost_of(now, limits, field))
+
+
+def _depth_behind(now: tuple[float, ...], course: np.ndarray, speed: float, problem: ControlProblem) -> float:
+    """Overlap of both stops if what it follows brakes at once at 2.2 m/s^2, and the robot after its stopping time, m."""
+    depth, outlook = 0.0, problem.outlook
+    robot = speed * problem.weights.stopping_time + speed**2 / (2.0 * problem.limits.brake_max)
+    for cx, cy, contact, _, _, vx, vy, *_ in outlook.disc[0, : outlook.near[0]].tolist():
+        pace = math.hypot(vx, vy)
+        ahead = course @ (np.array([cx, cy]) - now[:2]) > 0.0
+        if ahead and course @ (vx, vy) > 0.9 * pace:
+            other = np.array([cx, cy]) + np.array([vx, vy]) / pace * pace**2 / (2.0 * 2.2)
+            depth = max(depth, contact - math.dist(other, now[:2] + robot * course))
+    return depth
 
 
 def _downhill(x: float, y: float, field: StaticField) -> np.ndarray:

@@ -91,6 +91,7 @@ class Mppi(Follow):
             ramps=1.0,
             off_plan=0.0,
             stop=0.0,
+            follow=0.0,
             stopping_time=0.0,
             stand=0.0,
             swerve=math.inf,

@@ -131,10 +131,11 @@ def _count_near(value: NDArray[np.float64], n: int, k: int, problem: ControlProb
 @inner_kernel
 def obstacle_costs(batch: Batch, n: int, k: int, decay: float, problem: ControlProblem) -> None:
     """Write to HARM what `obstacle_cost` returns for each of the first n rollouts in step k."""
-    value, guarded = batch.value, problem.weights.stop > 0.0
+    value, w = batch.value, problem.weights
+    every = w.stop > 0.0 or (k == 0 and w.follow > 0.0)  # its stop can cost a rollout something that is far from obstacles
     _count_near(value, n, k, problem)
     for i in range(n):
-        if value[HARM + i] > 0.0 or guarded:
+        if every or value[HARM + i] > 0.0:
             before = MotionState(value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], 0.0, 0.0)
             harm = batch.harm[batch.sequence[i]]
             value[HARM + i] = obstacle_cost(before, rollout_state(value, i), k, decay, problem, harm)

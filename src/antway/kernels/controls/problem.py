@@ -62,6 +62,7 @@ class CostWeights(NamedTuple):
     ramps: float  # 1; for each second that the robot will lose to ramps and turns; 0 while it waits, without a plan
     off_plan: float  # s/m; added to the time that the plan still takes, for each metre between the robot and the plan
     stop: float  # s/m; at each step, for the depth to which an obstacle could enter the robot's stop from there
+    follow: float  # s/m; at the first step, for the depth of the robot's stop in the stop of an obstacle ahead of it
     stopping_time: float  # s; delay before a stop begins
     stand: float  # s; gained by a robot that stands after the first period, so that it does not move for less
     swerve: float  # m/s^2; bound on the change of obstacles' velocities, but where walls change them

@@ -33,6 +33,8 @@ from antway.kernels.controls.problem import (
 )
 
 _FIRST_STEP = 3.0  # 1; weight of a stop that the guard would refuse at the first step; at later steps it is the decay
+_BRAKE = 2.2  # m/s^2; obstacles ahead brake no harder, as 99.9 % of the changes of velocity of recorded people
+_ALONG = 0.9  # 1; cosine of the angle between the directions of the robot and of an obstacle that it follows, at least
 
 
 @inner_kernel
@@ -51,8 +53,9 @@ def _nearest_in_step(dx: float, dy: float, moved_x: float, moved_y: float) -> tu
 def obstacle_cost(
     before: MotionState, at: MotionState, k: int, decay: float, problem: ControlProblem, costs: NDArray[np.float64]
 ) -> float:
-    """Return the cost of obstacles in step k, from `before` to `at`: contacts, close passes, stops that they could enter, s.
+    """Return the cost of obstacles in step k, from `before` to `at`, s.
 
+    These are contacts, close passes, stops that they could enter, and stops too near behind those of obstacles ahead.
     `costs`, float64[M], is the sequence's row of `Batch.harm`.
     """
     limits, dt, field, outlook, w = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights
@@ -60,8 +63,10 @@ def obstacle_cost(
     guarded, has_box = w.stop > 0.0 and speed > 1e-3, len(field.discs) > 0
     stop_x, stop_y, stop_after, cost = at.x, at.y, 0.0, 0.0
     if guarded:
-        stop_x, stop_y = _standing_place(at, speed, limits)
+        stop_x, stop_y = _standing_place(at, speed, 0.0, limits)
         stop_after = w.stopping_time + speed / limits.brake_max
+    if k == 0 and w.follow > 0.0 and speed > 1e-3:
+        cost += w.follow * _depth_behind(at, speed, problem)
     for i in range(outlook.near[k]):
         disc = outlook.disc[k, i]
         dx, dy = at.x - disc[CENTRE_X], at.y - disc[CENTRE_Y]
@@ -99,13 +104,36 @@ def obstacle_cost(
 
 
 @inner_kernel
-def _standing_place(at: MotionState, speed: float, limits: RobotLimits) -> tuple[float, float]:
-    """Return where a robot at `speed` m/s > 0 stands after it has braked in a straight line."""
-    span = 0.5 * speed * speed / limits.brake_max
+def _standing_place(at: MotionState, speed: float, delay: float, limits: RobotLimits) -> tuple[float, float]:
+    """Return where a robot at `speed` m/s > 0 stands after it has driven on for `delay` s and braked, in a straight line."""
+    span = speed * delay + 0.5 * speed * speed / limits.brake_max
     if limits.drive != HOLONOMIC:
         span = math.copysign(span, at.a)
         return at.x + span * at.cos, at.y + span * at.sin
     return at.x + span * at.a / speed, at.y + span * at.b / speed
+
+
+@inner_kernel
+def _depth_behind(at: MotionState, speed: float, problem: ControlProblem) -> float:
+    """Return how deep in the stop of an obstacle ahead the robot would stop if both braked from the end of the first step, m.
+
+    This is the safe distance of Shalev-Shwartz, Shammah and Shashua, "On a formal model of safe and scalable self-driving cars"
+    (2017), definition 1, in the plane: the obstacle, which moves in about the same direction, brakes at once, and the robot
+    after its stopping time. Of all obstacles the greatest depth counts.
+    """
+    outlook, depth = problem.outlook, 0.0
+    x, y = _standing_place(at, speed, problem.weights.stopping_time, problem.limits)
+    along_x, along_y = x - at.x, y - at.y
+    span = math.sqrt(along_x * along_x + along_y * along_y)
+    for i in range(outlook.near[0]):
+        disc = outlook.disc[0, i]
+        vx, vy, pace = disc[VX], disc[VY], math.sqrt(disc[VX] * disc[VX] + disc[VY] * disc[VY])
+        ahead = along_x * (disc[CENTRE_X] - at.x) + along_y * (disc[CENTRE_Y] - at.y) > 0.0
+        if ahead and along_x * vx + along_y * vy > _ALONG * span * pace:
+            half = 0.5 * pace / _BRAKE  # s; half of the time in which the obstacle brakes
+            dx, dy = x - disc[CENTRE_X] - half * vx, y - disc[CENTRE_Y] - half * vy
+            depth = max(depth, disc[CONTACT] - math.sqrt(dx * dx + dy * dy))
+    return depth
 
 
 @inner_kernel

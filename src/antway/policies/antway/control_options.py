@@ -86,6 +86,9 @@ class ControlOptions:
     stop : float
         s/m; cost of each metre by which an obstacle could enter the stopping distance of the robot. Such a motion would not
         pass the guard in mode "strict"; in the other mode this cost is not used.
+    follow : float
+        s/m; cost of each metre that is missing, at the end of the next period, to the distance at which the robot can stop
+        behind an obstacle that drives or walks ahead of it and brakes at 2.2 m/s^2. It is charged in mode "least-harm".
     search : str
         "ants" (ACO_R), or what it is compared with on the same rollouts and as many of them: "mppi" and "cem" (the
         cross-entropy method), which keep only a mean, or "random" (restarts around the seeds, without an archive).
@@ -127,6 +130,7 @@ class ControlOptions:
     contact: float = 600.0
     decay: float = 0.1
     stop: float = 10.0
+    follow: float = 3.0
     search: str = "ants"
     temperature: float = 0.1
     elite: int = 6

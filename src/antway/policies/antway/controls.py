@@ -261,6 +261,7 @@ def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float
         ramps=1.0,
         off_plan=o.off_plan,
         stop=0.0 if swerve is None else o.stop,
+        follow=o.follow if swerve is None else 0.0,
         stopping_time=robot.latency + robot.dt,
         stand=_STAND * o.off_plan * robot.v_max * robot.dt,
         swerve=math.inf if swerve is None else swerve,
