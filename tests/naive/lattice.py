@@ -76,7 +76,7 @@ def _drive(
 
 def _rest(pose: MotionState, limits: RobotLimits, field: StaticField) -> float:
     to_go = max(sample(field.time, pose.x, pose.y, field.time_frame), 0.0)
-    return to_go + lost_time(pose, to_go, field, limits) + turning_loss(field, pose)
+    return to_go + lost_time(pose, to_go, field, limits) + turning_loss(field, pose, to_go)
 
 
 def _alike(pose: MotionState, limits: RobotLimits, longest: float) -> tuple[int, ...]:

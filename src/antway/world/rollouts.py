@@ -14,6 +14,7 @@ from antway.kernels.controls.abreast import BATCH, ROWS
 from antway.kernels.controls.fields import beyond_walls, turning_times, wall_distance
 from antway.kernels.controls.problem import COLUMNS, Batch, Outlook, StaticField
 from antway.kernels.controls.seeds import descent_points
+from antway.world.manoeuvres import manoeuvre_losses
 from antway.world.policy import XY, Observation, Task
 from antway.world.robots import RobotSpec
 
@@ -21,6 +22,7 @@ _NODE = 0.025  # m; largest distance of nodes at which distances to walls are ex
 _NODES = 4_000_000  # limit of nodes
 _NEAR = 1.0  # m; within this distance times are those to the goal itself; the effect fades up to twice the distance
 _MOST_NEAR = 200  # limit of cells on each side of the goal for that
+_AIM = 0.9  # 1; share of the tolerance in which a car plans to end, since one that misses it narrowly has to manoeuvre
 _LAYERS = 4  # number of cells by which the time to the goal is extended into walls
 _HEADINGS = 24  # limit of headings of a car for which there are times to the goal
 _FEWEST = 8  # least number of headings; with fewer, arcs cannot be told apart, and there are no such times
@@ -67,8 +69,19 @@ def static_field(task: Task, time_to_goal: NDArray[np.float64]) -> StaticField:
     factor = max(min(math.ceil(size / _NODE - 1e-9), math.isqrt(_NODES // grid.blocked.size)), 1)
     wall = wall_distance(grid.blocked, size, factor) - np.float32(task.robot.radius)
     frame, empty = np.array([x, y, factor / size]), np.empty((0, 0), np.float32)
-    end, (box, discs) = np.array([*task.goal, task.goal_tolerance, math.inf]), _body(task.robot)
-    field = StaticField(wall, frame, empty, np.zeros(3), end, box, discs, empty[None], np.zeros(3))
+    end, (box, discs) = np.array([*task.goal, _tolerance(task), math.inf]), _body(task.robot)
+    field = StaticField(
+        wall,
+        frame,
+        empty,
+        np.zeros(3),
+        end,
+        box,
+        discs,
+        empty[None],
+        np.zeros(3),
+        *manoeuvre_losses(task.robot, _tolerance(task)),
+    )
     return with_times(field, task, time_to_goal)
 
 
@@ -76,9 +89,14 @@ def with_times(field: StaticField, task: Task, time_to_goal: NDArray[np.float64]
     """Return the field of a task with other times to the goal; see `static_field`."""
     grid, v_max, size, (x, y, _) = task.grid, task.robot.v_max, task.grid.resolution, task.grid.origin
     near = _to_the_goal_itself(time_to_goal, grid, v_max, task.goal)
-    time = beyond_walls(near - task.goal_tolerance / v_max, 2.0 * size / v_max, _LAYERS)
+    time = beyond_walls(near - _tolerance(task) / v_max, 2.0 * size / v_max, _LAYERS)
     frame, (turning, turning_frame) = np.array([x + size / 2, y + size / 2, 1.0 / size]), _by_heading(near, grid, task.robot)
     return field._replace(time=time, time_frame=frame, turning=turning, turning_frame=turning_frame)
+
+
+def _tolerance(task: Task) -> float:
+    """Return how near to the goal a rollout has to come, m."""
+    return task.goal_tolerance * (_AIM if task.robot.turning_radius > 0.0 else 1.0)
 
 
 def empty_outlook(steps: int) -> Outlook:

@@ -107,7 +107,7 @@ def times_to_go(value: NDArray[np.float64], n: int, field: StaticField) -> None:
         value[TO_GO + i], value[TURNING + i] = max(value[SAMPLE + i], 0.0), 0.0
     if len(field.turning) > 1:
         for i in range(n):
-            value[TURNING + i] = turning_loss(field, rollout_state(value, i))
+            value[TURNING + i] = turning_loss(field, rollout_state(value, i), value[TO_GO + i])
 
 
 @inner_kernel

@@ -126,7 +126,7 @@ def _bound(lattice: Lattice, node: int, problem: ControlProblem) -> float:
         done: float = cost
         return done
     to_go = time_to_go(problem.field, at)
-    lost = turning_loss(problem.field, at) + lost_time(at, to_go, problem.field, problem.limits)
+    lost = turning_loss(problem.field, at, to_go) + lost_time(at, to_go, problem.field, problem.limits)
     bound: float = cost + to_go + lost
     return bound
 

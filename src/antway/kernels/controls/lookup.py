@@ -12,6 +12,7 @@ from antway.kernels.base.records import RobotState
 from antway.kernels.controls.motion import MotionState
 from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, StaticField
 
+_DETOUR = 0.1  # 1; a path longer than a straight line by this share of the distance at which `manoeuvre` ends goes round walls
 _SHORT_TURN = 1.0  # s; a loss to the turning radius up to this is not counted, because rollouts and `lost_time` see short turns
 
 
@@ -57,8 +58,11 @@ def at_goal(field: StaticField, at: MotionState) -> bool:
 
 
 @inner_kernel
-def turning_loss(field: StaticField, at: MotionState) -> float:
-    """Return the time that a car loses to its turning radius, without the first `_SHORT_TURN` s, s."""
+def turning_loss(field: StaticField, at: MotionState, to_go: float) -> float:
+    """Return the time that a car loses to its turning radius on the `to_go` s to the goal, s.
+
+    Far from the goal the first `_SHORT_TURN` s are left out.
+    """
     headings = len(field.turning) - 1
     if headings < 1:
         return 0.0
@@ -67,7 +71,21 @@ def turning_loss(field: StaticField, at: MotionState) -> float:
     one, other = field.turning[int(low) % headings], field.turning[int(low + 1.0) % headings]
     turned = sample(one, at.x, at.y, field.turning_frame)
     turned += (k - low) * (sample(other, at.x, at.y, field.turning_frame) - turned)
-    return max(turned - sample(field.turning[headings], at.x, at.y, field.turning_frame) - _SHORT_TURN, 0.0)
+    loss = turned - sample(field.turning[headings], at.x, at.y, field.turning_frame) - _SHORT_TURN
+    return max(loss, _manoeuvre_loss(field, at, to_go))
+
+
+@inner_kernel
+def _manoeuvre_loss(field: StaticField, at: MotionState, to_go: float) -> float:
+    """Return the time that a car loses to manoeuvres near its goal, s; 0 if its path there goes round a wall."""
+    frame, dx, dy = field.manoeuvre_frame, field.goal[GOAL_X] - at.x, field.goal[GOAL_Y] - at.y
+    distance, edge = math.sqrt(dx * dx + dy * dy), -frame[0]
+    detour = to_go * frame[3] + field.goal[TOLERANCE] - distance  # m
+    share = min(2.0 - detour / (_DETOUR * edge), 1.0)
+    if distance >= edge or share <= 0.0:
+        return 0.0
+    loss: float = share * sample(field.manoeuvre, at.cos * dx + at.sin * dy, at.cos * dy - at.sin * dx, frame)
+    return loss
 
 
 @inner_kernel

@@ -34,6 +34,9 @@ class StaticField(NamedTuple):
     turning: NDArray[np.float32]  # [K + 1, H', W'] s; time to the goal of a car with the heading 2 pi k / K, and last that of
     # a robot that turns on the spot; empty for robots without a turning radius
     turning_frame: NDArray[np.float64]  # [3]
+    manoeuvre: NDArray[np.float32]  # [N, N] s; time that such a car loses to manoeuvres near its goal, by where that is in
+    # its own frame; empty for other robots
+    manoeuvre_frame: NDArray[np.float64]  # [4] its fourth number is the car's top speed, m/s
 
 
 class Outlook(NamedTuple):
