@@ -12,8 +12,8 @@ from scipy.ndimage import minimum_filter
 
 from antway.world.robots import RobotSpec
 
-_EDGE = 30  # nodes from the middle of the tables to their edges
-_NODES = 10  # nodes in a turning radius
+_EDGE = 60  # nodes from the middle of the tables to their edges
+_NODES = 20  # nodes in a turning radius
 _LENGTHS = 24  # number of lengths of the first piece, up to half of a turn
 _FAST = 1e3  # m/s^2; replaces infinite limits
 
@@ -47,8 +47,8 @@ def manoeuvre_times(robot: RobotSpec, tolerance: float) -> Array:
     """Return how long a car at rest needs to a goal at each node of a square around it, where nothing is in the way, s.
 
     It drives a straight line or an arc of its turning radius, and then an arc and a straight line to within `tolerance` m of
-    the goal, each of the two pieces forward or in reverse. Node (i, j), 0 to 60, is (j - 30) / 10 turning radii ahead of the
-    car and (i - 30) / 10 to its left.
+    the goal, each of the two pieces forward or in reverse. Node (i, j), 0 to 120, is (j - 60) / 20 turning radii ahead of the
+    car and (i - 60) / 20 to its left.
     """
     radius, node = robot.turning_radius, robot.turning_radius / _NODES
     y, x = node * (np.indices((_EDGE + 1, 2 * _EDGE + 1)) - np.array([0, _EDGE])[:, None, None])  # the left half
