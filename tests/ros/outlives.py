@@ -31,6 +31,7 @@ class Base(Robot):
         super().__init__(pictures=False)
         self.xy, self.heading, self.v, self.commands = np.array(ENDS[0]), math.pi / 4, (0.0, 0.0, 0.0), []
         self.now = self.due = time.monotonic()
+        self.paused = 0.0  # s; the longest time for which the machine has let this process, and with it odometry, wait
 
     def on_twist(self, message) -> None:
         super().on_twist(message)
@@ -45,6 +46,7 @@ class Base(Robot):
             rclpy.spin_once(self, timeout_sec=0.002)
             now = time.monotonic()
             (x, y, turn), dt, self.now = self.v, now - self.now, now
+            self.paused = max(self.paused, dt)
             cos, sin = math.cos(self.heading), math.sin(self.heading)
             self.xy = self.xy + dt * np.array([cos * x - sin * y, sin * x + cos * y])
             self.heading = math.remainder(self.heading + dt * turn, 2 * math.pi)
@@ -77,7 +79,7 @@ def children(pid: int) -> list[int]:
 def main(stops: int, period: float, command: list[str]) -> None:
     rclpy.init()
     node, rng = subprocess.Popen(command), np.random.default_rng(5)
-    robot, took, rest, guards = Base(), [], [], []
+    robot, took, rest, paused, guards = Base(), [], [], [], []
     try:
         robot.meets()
         robot.charts(Grid(np.zeros((40, 40), bool), 0.5))
@@ -93,9 +95,11 @@ def main(stops: int, period: float, command: list[str]) -> None:
             os.kill(node.pid, signal.SIGSTOP if k < stops else signal.SIGKILL)
             before, ended = robot.commands[-1], time.monotonic()
             robot.commands.clear()
+            robot.paused = 0.0
             robot.drive(lambda: len(robot.commands) > 1 and robot.commands[-1][1:] == (0.0, 0.0), 10.0)
             later = [one for one in robot.commands if one[0] > ended + 0.005 or one[1] < before[1]]
             took.append(later[0][0] - ended if later else math.inf)
+            paused.append(robot.paused)
             rest.append([speed for _, speed, _ in [before, *later]])
             if k < stops:
                 os.kill(node.pid, signal.SIGCONT)
@@ -106,7 +110,7 @@ def main(stops: int, period: float, command: list[str]) -> None:
     finally:
         node.kill()
         node.wait()
-    end(robot, took=took, speeds=rest, guards=len(guards), left=left)
+    end(robot, took=took, paused=paused, speeds=rest, guards=len(guards), left=left)
 
 
 if __name__ == "__main__":
