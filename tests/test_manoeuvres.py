@@ -20,7 +20,7 @@ CAR = RobotSpec(drive="ackermann", v_max=1.5, a_max=1.0, brake_max=1.4, v_revers
 @pytest.mark.parametrize("v_reverse", [0.0, 0.3])
 def test_manoeuvres_take_as_long_as_the_slow_twin_finds(v_reverse: float) -> None:
     rng, robot = np.random.default_rng(3), replace(CAR, v_reverse=v_reverse)
-    times = manoeuvre_times(robot, 0.2)
+    times = manoeuvre_times(robot.limits, 0.2)
     assert times.shape == (121, 121) and np.isfinite(times).all() and times[60, 60] < 0.01
     assert times == pytest.approx(times[::-1])  # to the left as to the right
     differences = []
@@ -32,10 +32,10 @@ def test_manoeuvres_take_as_long_as_the_slow_twin_finds(v_reverse: float) -> Non
 
 
 def test_nothing_is_lost_where_one_turn_leads_to_the_goal() -> None:
-    losses, frame = manoeuvre_losses(CAR, 0.2)
+    losses, frame = manoeuvre_losses(CAR.limits, 0.2)
     assert (losses >= 0.0).all() and losses[60, 61:].max() < 1e-6 and losses[66:72, 60].min() > 0.6
     assert (losses[[0, -1]] == 0.0).all() and frame == pytest.approx([-2.4, -2.4, 25.0, 1.5])
-    assert manoeuvre_losses(RobotSpec(drive="differential", a_max=1.0), 0.2)[0].size == 0
+    assert manoeuvre_losses(RobotSpec(drive="differential", a_max=1.0).limits, 0.2)[0].size == 0
 
 
 @pytest.mark.parametrize("v_reverse", [0.0, 0.3])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, TooLarge
 from antway.kernels.base.jit import entry
-from antway.kernels.base.records import RobotState, Walls
+from antway.kernels.base.records import PEOPLE_ACCEL, RobotState, Walls
 from antway.kernels.robot.brake import Robot
 from antway.kernels.robot.guard import (
     BOUND_CHANGE,
@@ -38,7 +38,6 @@ _TRACKS = 128  # number of tracks for which there is memory at first
 _NOW = 1e-9  # s; a track that is no older was seen in the last scan, and that was now
 DID = ("free", "slowed", "braked", "stepped-aside", "least-harm")
 MODES = ("strict", "least-harm")
-PEOPLE_ACCEL = 2.2  # m/s^2; 99.9 % of the changes of velocity in the recordings zara01 and students01 are smaller
 _STOP = Command((0.0, 0.0))
 _AT_REST = RobotState(0.0, 0.0, 0.0, 0.0, 0.0)
 _FAULTS = ("observation.xy, velocity, heading", "tracks.xy", "tracks.velocity", "tracks.radius")

@@ -10,22 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
-from antway.world.robots import RobotSpec
+from antway.kernels.base.records import RobotLimits
 
 _EDGE = 60  # nodes from the middle of the tables to their edges
 _NODES = 20  # nodes in a turning radius
 _LENGTHS = 24  # number of lengths of the first piece, up to half of a turn
-_FAST = 1e3  # m/s^2; replaces infinite limits
 
 Array = NDArray[np.float64]
 
 
 @lru_cache(16)
-def manoeuvre_losses(robot: RobotSpec, tolerance: float) -> tuple[NDArray[np.float32], Array]:
+def manoeuvre_losses(robot: RobotLimits, tolerance: float) -> tuple[NDArray[np.float32], Array]:
     """Return what a car at rest near its goal loses to manoeuvres, in s, and the frame: `StaticField.manoeuvre`.
 
     This is the difference of `manoeuvre_times` from what ramps and one turn take (`lost_time`, kernels/controls/rollout.py). It
     fades from two turning radii on, because farther away the times by heading tell. Both are empty for other robots.
+    All limits of acceleration have to be finite.
     """
     if robot.turning_radius == 0.0:
         return np.empty((0, 0), np.float32), np.zeros(4)
@@ -43,7 +43,7 @@ def manoeuvre_losses(robot: RobotSpec, tolerance: float) -> tuple[NDArray[np.flo
     return (weight * lost).astype(np.float32), np.array([-_EDGE * node, -_EDGE * node, 1.0 / node, robot.v_max])
 
 
-def manoeuvre_times(robot: RobotSpec, tolerance: float) -> Array:
+def manoeuvre_times(robot: RobotLimits, tolerance: float) -> Array:
     """Return how long a car at rest needs to a goal at each node of a square around it, where nothing is in the way, s.
 
     It drives a straight line or an arc of its turning radius, and then an arc and a straight line to within `tolerance` m of
@@ -73,7 +73,7 @@ def manoeuvre_times(robot: RobotSpec, tolerance: float) -> Array:
     return minimum_filter(np.vstack((best[:0:-1], best)), footprint=disc, mode="nearest")
 
 
-def _turn(robot: RobotSpec, speed: float) -> float:
+def _turn(robot: RobotLimits, speed: float) -> float:
     """Return how far a robot drives at `speed` m/s in the time in which it turns by 1 rad, m."""
     return max(robot.turning_radius, speed / robot.turn_rate)
 
@@ -90,15 +90,14 @@ def _arc_and_line(x: Array, y: Array, radius: float, turn: float) -> Array:
     return best
 
 
-def _from_rest(length: Array, speed: float, robot: RobotSpec) -> Array:
+def _from_rest(length: Array, speed: float, robot: RobotLimits) -> Array:
     """Return how long a robot takes from rest for a length in m, s."""
-    a_max = min(robot.a_max, _FAST)
-    top = np.minimum(speed, np.sqrt(2.0 * a_max * np.maximum(length, 1e-9)))
-    return length / top + 0.5 * top / a_max
+    top = np.minimum(speed, np.sqrt(2.0 * robot.a_max * np.maximum(length, 1e-9)))
+    return length / top + 0.5 * top / robot.a_max
 
 
-def _rest_to_rest(length: float, speed: float, robot: RobotSpec) -> float:
+def _rest_to_rest(length: float, speed: float, robot: RobotLimits) -> float:
     """Return how long a robot takes from rest to rest for a length in m, s."""
-    ramps = 0.5 / min(robot.a_max, _FAST) + 0.5 / min(robot.braking, _FAST)
+    ramps = 0.5 / robot.a_max + 0.5 / robot.brake_max
     top = min(speed, math.sqrt(max(length, 1e-9) / ramps))
     return length / top + top * ramps

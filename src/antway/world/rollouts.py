@@ -70,18 +70,8 @@ def static_field(task: Task, time_to_goal: NDArray[np.float64]) -> StaticField:
     wall = wall_distance(grid.blocked, size, factor) - np.float32(task.robot.radius)
     frame, empty = np.array([x, y, factor / size]), np.empty((0, 0), np.float32)
     end, (box, discs) = np.array([*task.goal, _tolerance(task), math.inf]), _body(task.robot)
-    field = StaticField(
-        wall,
-        frame,
-        empty,
-        np.zeros(3),
-        end,
-        box,
-        discs,
-        empty[None],
-        np.zeros(3),
-        *manoeuvre_losses(task.robot, _tolerance(task)),
-    )
+    losses = manoeuvre_losses(finite_limits(task.robot), _tolerance(task))
+    field = StaticField(wall, frame, empty, np.zeros(3), end, box, discs, empty[None], np.zeros(3), *losses)
     return with_times(field, task, time_to_goal)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, inner_kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.base.records import HOLONOMIC, PEOPLE_ACCEL, RobotLimits
 from antway.kernels.controls.lookup import (
     clearance,
     footprint_distance,
@@ -33,7 +33,6 @@ from antway.kernels.controls.problem import (
 )
 
 _FIRST_STEP = 3.0  # 1; weight of a stop that the guard would refuse at the first step; at later steps it is the decay
-_BRAKE = 2.2  # m/s^2; obstacles ahead brake no harder, as 99.9 % of the changes of velocity of recorded people
 _ALONG = 0.9  # 1; cosine of the angle between the directions of the robot and of an obstacle that it follows, at least
 
 
@@ -130,7 +129,7 @@ def _depth_behind(at: MotionState, speed: float, problem: ControlProblem) -> flo
         vx, vy, pace = disc[VX], disc[VY], math.sqrt(disc[VX] * disc[VX] + disc[VY] * disc[VY])
         ahead = along_x * (disc[CENTRE_X] - at.x) + along_y * (disc[CENTRE_Y] - at.y) > 0.0
         if ahead and along_x * vx + along_y * vy > _ALONG * span * pace:
-            half = 0.5 * pace / _BRAKE  # s; half of the time in which the obstacle brakes
+            half = 0.5 * pace / PEOPLE_ACCEL  # s; half of the time in which the obstacle brakes
             dx, dy = x - disc[CENTRE_X] - half * vx, y - disc[CENTRE_Y] - half * vy
             depth = max(depth, disc[CONTACT] - math.sqrt(dx * dx + dy * dy))
     return depth
