@@ -31,7 +31,7 @@ def _colony(robot: RobotSpec, rng: np.random.Generator) -> ControlColony:
     blocked[12:30, 20:24] = True
     task = Task(Grid(blocked, 0.2), robot, (1.1, 4.1), (3.9, 7.1))
     context = make_context(task.grid, robot, task.grid.cell_at(task.goal))
-    colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), 3, None)
+    colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), 3, strict=False)
     colony.problem = colony.problem._replace(start=RobotState(2.5, 4.1, rng.uniform(-3.0, 3.0), 0.4, 0.2))
     x, y, vx, vy = rng.uniform((2.5, 5.0, -0.5, -0.5), (3.7, 6.0, 0.5, 0.5), (3, 4)).T
     colony.problem.outlook.near[:] = 3

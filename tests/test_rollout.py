@@ -46,9 +46,9 @@ def _task(robot: RobotSpec) -> Task:
 
 
 def _colony(robot: RobotSpec, seed: int = 3) -> ControlColony:
-    task = _task(robot)
+    task = replace(_task(robot), obstacle_swerve=0.1)
     context = make_context(task.grid, robot, task.grid.cell_at(task.goal))
-    colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), seed, swerve=0.1)
+    colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), seed, strict=True)
     colony.problem = colony.problem._replace(start=RobotState(1.1, 4.1, 0.3, 0.4, 0.2))
     return colony
 
@@ -71,7 +71,10 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
     colony, rng = _colony(robot), np.random.default_rng(5)
     steps = len(colony.problem.outlook.plan)
     for trial in range(20):
-        weights = colony.problem.weights._replace(turn_risk=4.0, wall_range=0.4 * (trial % 2), follow=5.0 * (trial % 4))
+        wall_range, swerve = 0.4 * (trial % 2), 2.2 if trial % 3 else 0.1
+        weights = colony.problem.weights._replace(
+            turn_risk=4.0, wall_range=wall_range, follow=5.0 * (trial % 4), swerve=swerve
+        )
         colony.problem = colony.problem._replace(weights=weights)
         speeds = rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)) if robot.wheels else rng.uniform(-0.7, 0.7, (6, 2))
         controls = np.repeat(speeds, 5, axis=0)[:steps]
@@ -360,7 +363,7 @@ def test_what_ants_are_compared_with_spends_the_same_rollouts(search: str) -> No
     task = _task(WHEELS)
     context = make_context(task.grid, WHEELS, task.grid.cell_at(task.goal))
     options = ControlOptions(search=search, rounds=1, ants=50)
-    colony = ControlColony(options, task, context.field.reshape(task.grid.shape), 3, swerve=None)
+    colony = ControlColony(options, task, context.field.reshape(task.grid.shape), 3, strict=False)
     colony.problem = colony.problem._replace(start=RobotState(1.1, 4.1, 0.3, 0.4, 0.2))
     a, how = colony.archive, colony.averaging
     assert how is not None
@@ -437,7 +440,7 @@ def test_slow_robots_keep_more_room() -> None:
     for v_max in (2.0, 0.8, 0.2):
         task = _task(replace(WHEELS, v_max=v_max, v_reverse=0.0))
         field = make_context(task.grid, task.robot, task.grid.cell_at(task.goal)).field.reshape(task.grid.shape)
-        colony = ControlColony(ControlOptions(), task, field, 3, None)
+        colony = ControlColony(ControlOptions(), task, field, 3, strict=False)
         kept[v_max] = colony.margins, colony.problem.weights.risk, colony.problem.weights.decay
     assert kept[2.0] == kept[0.8]
     (fast, risk, decay), (slow, great, slowly) = kept[0.8], kept[0.2]

@@ -142,7 +142,7 @@ def test_velocities_count_as_wrong_by_as_much_as_turns_change_them() -> None:
     That holds for those who move; whoever stands is predicted as well as before.
     """
     task = Task(Grid(np.zeros((40, 40), np.bool_), 0.1), RobotSpec(a_max=1.0), (1.0, 1.0), (3.0, 3.0))
-    colony = ControlColony(ControlOptions(turned=0.4), task, np.zeros((40, 40)), 3, None)
+    colony = ControlColony(ControlOptions(turned=0.4), task, np.zeros((40, 40)), 3, strict=False)
     estimates = np.zeros((3, 8))
     estimates[:, VX] = 0.21, 8.0, 0.19
     _, velocity = colony.deviations(estimates, np.array([0.02, 0.02, 0.02]), 1.0, (0.2, 2.0)).T

@@ -116,14 +116,14 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
 
 
 def _depth_behind(now: tuple[float, ...], course: np.ndarray, speed: float, problem: ControlProblem) -> float:
-    """Overlap of both stops if what it follows brakes at once at 2.2 m/s^2, and the robot after its stopping time, m."""
+    """Overlap of both stops if what it follows brakes at once, and the robot after its stopping time, m."""
     depth, outlook = 0.0, problem.outlook
     robot = speed * problem.weights.stopping_time + speed**2 / (2.0 * problem.limits.brake_max)
     for cx, cy, contact, _, _, vx, vy, *_ in outlook.disc[0, : outlook.near[0]].tolist():
         pace = math.hypot(vx, vy)
         ahead = course @ (np.array([cx, cy]) - now[:2]) > 0.0
         if ahead and course @ (vx, vy) > 0.9 * pace:
-            other = np.array([cx, cy]) + np.array([vx, vy]) / pace * pace**2 / (2.0 * 2.2)
+            other = np.array([cx, cy]) + np.array([vx, vy]) / pace * pace**2 / (2.0 * problem.weights.swerve)
             depth = max(depth, contact - math.dist(other, now[:2] + robot * course))
     return depth
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, inner_kernel
-from antway.kernels.base.records import HOLONOMIC, PEOPLE_ACCEL, RobotLimits
+from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.lookup import (
     clearance,
     footprint_distance,
@@ -117,8 +117,8 @@ def _depth_behind(at: MotionState, speed: float, problem: ControlProblem) -> flo
     """Return how deep in the stop of an obstacle ahead the robot would stop if both braked from the end of the first step, m.
 
     This is the safe distance of Shalev-Shwartz, Shammah and Shashua, "On a formal model of safe and scalable self-driving cars"
-    (2017), definition 1, in the plane: the obstacle, which moves in about the same direction, brakes at once, and the robot
-    after its stopping time. Of all obstacles the greatest depth counts.
+    (2017), definition 1, in the plane: the obstacle, which moves in about the same direction, brakes at once, as hard as
+    it may change its velocity, and the robot after its stopping time. Of all obstacles the greatest depth counts.
     """
     outlook, depth = problem.outlook, 0.0
     x, y = _standing_place(at, speed, problem.weights.stopping_time, problem.limits)
@@ -129,7 +129,7 @@ def _depth_behind(at: MotionState, speed: float, problem: ControlProblem) -> flo
         vx, vy, pace = disc[VX], disc[VY], math.sqrt(disc[VX] * disc[VX] + disc[VY] * disc[VY])
         ahead = along_x * (disc[CENTRE_X] - at.x) + along_y * (disc[CENTRE_Y] - at.y) > 0.0
         if ahead and along_x * vx + along_y * vy > _ALONG * span * pace:
-            half = 0.5 * pace / PEOPLE_ACCEL  # s; half of the time in which the obstacle brakes
+            half = 0.5 * pace / max(problem.weights.swerve, 1e-9)  # s; half of the time in which the obstacle brakes
             dx, dy = x - disc[CENTRE_X] - half * vx, y - disc[CENTRE_Y] - half * vy
             depth = max(depth, disc[CONTACT] - math.sqrt(dx * dx + dy * dy))
     return depth

@@ -88,7 +88,8 @@ class ControlOptions:
         pass the guard in mode "strict"; in the other mode this cost is not used.
     follow : float
         s/m; cost of each metre that is missing, at the end of the next period, to the distance at which the robot can stop
-        behind an obstacle that drives or walks ahead of it and brakes at 2.2 m/s^2. It is charged in mode "least-harm".
+        behind an obstacle that drives or walks ahead of it and brakes at 2.2 m/s^2, or at the declared bound on changes of
+        velocity if that is less. It is charged in mode "least-harm".
     search : str
         "ants" (ACO_R), or what it is compared with on the same rollouts and as many of them: "mppi" and "cem" (the
         cross-entropy method), which keep only a mean, or "random" (restarts around the seeds, without an archive).

@@ -21,7 +21,7 @@ from antway.kernels.controls.seeds import SEEDS
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.policies.antway.control_options import ControlOptions
-from antway.policies.guard import relative_swerve
+from antway.policies.guard import assumed_swerve, relative_swerve
 from antway.world.policy import Command, Observation, Task, commanded
 from antway.world.robots import RobotSpec
 from antway.world.rollouts import empty_outlook, finite_limits, make_batch, static_field, static_time, with_times
@@ -43,14 +43,14 @@ _STALL = 10.0  # s; after this time without getting nearer to the goal, the weig
 class ControlColony:
     """Turns predictions and a plan into the command of the next period.
 
-    `swerve` in m/s^2 is the bound on the change of obstacles' velocities by which the guard judges stops; None if it does not.
+    `strict` tells whether a guard in mode "strict" judges the commands: it does not pass stops that an obstacle could enter.
     """
 
     def __init__(
-        self, options: ControlOptions, task: Task, time_to_goal: NDArray[np.float64], seed: int, swerve: float | None
+        self, options: ControlOptions, task: Task, time_to_goal: NDArray[np.float64], seed: int, strict: bool
     ) -> None:
         robot, o = task.robot, options
-        self.options, self.robot, self.task, self.swerve = o, robot, task, swerve
+        self.options, self.robot, self.task, self.strict = o, robot, task, strict
         horizon = max(o.horizon, min(max(_LEAST_PATH / robot.v_max, _quarter_turn(robot)), 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
@@ -61,7 +61,7 @@ class ControlColony:
             robot.dt,
             static_field(task, time_to_goal.reshape(task.grid.shape)),
             empty_outlook(steps),
-            _weights(o, robot, self.slowness, swerve),
+            _weights(o, robot, self.slowness, task, strict),
             make_batch(robot.v_max * steps * robot.dt),
         )
         if task.stay > 0.0:
@@ -104,7 +104,7 @@ class ControlColony:
     def set_response(self, robot: RobotSpec) -> None:
         """Drive from now on the same robot with another latency or other accelerations."""
         self.robot = robot
-        weights = _weights(self.options, robot, self.slowness, self.swerve)
+        weights = _weights(self.options, robot, self.slowness, self.task, self.strict)
         self.problem = self.problem._replace(limits=finite_limits(robot), weights=weights)
         self.margins, self.bounds = self._by_response()
 
@@ -245,7 +245,7 @@ def _quarter_turn(robot: RobotSpec) -> float:
     return 0.5 * math.pi / fastest + fastest / change
 
 
-def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float | None) -> CostWeights:
+def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, task: Task, strict: bool) -> CostWeights:
     """Return what rollouts cost."""
     return CostWeights(
         progress=o.progress,
@@ -260,11 +260,11 @@ def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float
         wall_range=0.0,
         ramps=1.0,
         off_plan=o.off_plan,
-        stop=0.0 if swerve is None else o.stop,
-        follow=o.follow if swerve is None else 0.0,
+        stop=o.stop if strict else 0.0,
+        follow=0.0 if strict else o.follow,
         stopping_time=robot.latency + robot.dt,
         stand=_STAND * o.off_plan * robot.v_max * robot.dt,
-        swerve=math.inf if swerve is None else swerve,
+        swerve=assumed_swerve(task, "strict" if strict else "least-harm"),
     )
 
 

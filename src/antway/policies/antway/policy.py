@@ -184,8 +184,8 @@ class AntwayPolicy:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
             paces = (context, 0.0), (context, 0.0)
             # Without a strict guard, a stop is not better than the best ant.
-            swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
-            controls = ControlColony(self.controls, fine, kept.field, seed, swerve)
+            strict = self.guard is not None and self.mode == "strict"
+            controls = ControlColony(self.controls, fine, kept.field, seed, strict)
         cells = context.rows * context.cols
         return State(
             task=task,
