@@ -34,6 +34,10 @@ _FROM = _SINCE + 1
 _VELOCITIES = _FROM + 2
 POOL = MODELS + 1  # entries of `pool`
 COLUMNS = _VELOCITIES + 2 * MODELS + POOL
+_SUDDEN = 0.7  # m/s; a velocity that differs from an average by more than this begins a new one; people seldom make such a turn
+_STOPS = 0.4  # m/s; so does one that is slower than the average by more than this, as of somebody who stops, ...
+_STANDS = 0.3  # m/s; ... or that differs by more than that from an average slower than this, as of somebody who sets out
+_USUAL = 2.0  # standard deviations of the last velocity; its usual error
 _BETTER = 0.9  # 1; another model replaces the last velocity if its error is below this share
 
 
@@ -72,7 +76,11 @@ def averaged(
             rows[i, SEEN], rows[i, _SINCE] = t, -math.inf
         elif changes[k, N_X] != 0.0 or changes[k, N_Y] != 0.0:
             _mirror(rows[i], changes[k, N_X], changes[k, N_Y])
-        _average(rows[i], estimates[k, VX], estimates[k, VY], t - rows[i, SEEN], is_new)
+        dt = t - rows[i, SEEN]
+        _average(rows[i], estimates[k, VX], estimates[k, VY], dt, is_new)
+        if dt > 0.0:
+            usual = _USUAL * math.hypot(estimates[k, SIGMA_V], velocity_error(rows[i], pool, 0))
+            _begin_anew(rows[i], estimates[k, VX], estimates[k, VY], dt, usual)
     _average_companions(rows, row_at, estimates)
     for k in range(len(estimates)):
         if row_at[k] < 0:
@@ -107,6 +115,19 @@ def _average(row: NDArray[np.float64], vx: float, vy: float, dt: float, is_new: 
         c = _SUMS + 3 * m
         old, weight = math.exp(-dt / TIMES[m]), 1.0 if is_new else 1.0 - math.exp(-dt / TIMES[m])
         row[c], row[c + 1], row[c + 2] = row[c] * old + vx * weight, row[c + 1] * old + vy * weight, row[c + 2] * old + weight
+
+
+@bare_kernel
+def _begin_anew(row: NDArray[np.float64], vx: float, vy: float, dt: float, usual: float) -> None:
+    """Let those averages of a track begin anew that its last velocity shows to be out of date, beyond its usual error in m/s."""
+    for m in range(len(TIMES)):
+        c = _SUMS + 3 * m
+        x, y = _average_over(row, m)
+        speed, change = math.hypot(x, y), math.hypot(vx - x, vy - y)
+        paused = change if speed < _STANDS else speed - (vx * x + vy * y) / speed
+        if change > max(_SUDDEN, usual) or paused > max(_STOPS, usual):
+            weight = 1.0 - math.exp(-dt / TIMES[m])
+            row[c], row[c + 1], row[c + 2] = vx * weight, vy * weight, weight
 
 
 @bare_kernel
