@@ -17,6 +17,9 @@ SINCE, SIZE, LOW_X, LOW_Y, HIGH_X, HIGH_Y = range(2, 8)
 COLUMNS = 8
 PLACE = 1.0  # m; an obstacle stays as long as the diagonal of the box that holds its centre is no longer than this
 _LEAST_MEMORY = 1.0  # s; an obstacle that was not seen for longer than this and than its stay is forgotten
+_MEMORY = 15.0  # s; so is one that stood, but after this time: a robot that goes round many sees only some of them at a time
+_STOOD = 0.5  # s; an obstacle stood if it stayed for this time or longer, ...
+_STILL = 0.2  # m; ... and the diagonal of its box is no longer than this
 
 
 @bare_kernel
@@ -25,6 +28,12 @@ def _start_stay(row: NDArray[np.float64], estimate: NDArray[np.float64], t: floa
     row[SINCE], row[SIZE] = t, estimate[RADIUS]
     row[LOW_X] = row[HIGH_X] = estimate[X]
     row[LOW_Y] = row[HIGH_Y] = estimate[Y]
+
+
+@bare_kernel
+def _diagonal(row: NDArray[np.float64]) -> float:
+    """Return the diagonal of the box that holds the centre of an obstacle since its stay began, m."""
+    return math.hypot(row[HIGH_X] - row[LOW_X], row[HIGH_Y] - row[LOW_Y])
 
 
 @kernel
@@ -42,7 +51,9 @@ def update_stays(table: Table, estimates: NDArray[np.float64], seen: NDArray[np.
     """
     rows, kept = table.rows, 0
     for i in range(table.used[0]):
-        if t - rows[i, SEEN] <= max(rows[i, SEEN] - rows[i, SINCE], _LEAST_MEMORY):
+        stay = rows[i, SEEN] - rows[i, SINCE]
+        stood = stay >= _STOOD and _diagonal(rows[i]) <= _STILL
+        if t - rows[i, SEEN] <= max(stay, _MEMORY if stood else _LEAST_MEMORY):
             if kept != i:
                 copy_row(rows[i], rows[kept])
             kept += 1
@@ -59,5 +70,5 @@ def update_stays(table: Table, estimates: NDArray[np.float64], seen: NDArray[np.
         row[SEEN] = t
         row[LOW_X], row[HIGH_X] = min(row[LOW_X], estimates[k, X]), max(row[HIGH_X], estimates[k, X])
         row[LOW_Y], row[HIGH_Y] = min(row[LOW_Y], estimates[k, Y]), max(row[HIGH_Y], estimates[k, Y])
-        if math.hypot(row[HIGH_X] - row[LOW_X], row[HIGH_Y] - row[LOW_Y]) > PLACE:
+        if _diagonal(row) > PLACE:
             _start_stay(row, estimates[k], t)
