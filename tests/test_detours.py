@@ -108,16 +108,22 @@ def test_stays_are_those_of_the_slow_twin() -> None:
 
 
 def test_a_stay_ends_when_the_obstacle_has_left_or_is_forgotten() -> None:
-    """It is remembered out of sight for as long as it had stayed."""
+    """It is remembered out of sight for as long as it had stayed; one that stood all the time for 15 s at least."""
     table, at = make_table(4, COLUMNS), np.zeros((1, 8))
     for t in range(6):
+        at[0, X] = 0.3 * (t % 2)
         update_stays(table, at, np.array([float(t)]), float(t))
     assert table.rows[0, [stays.SINCE, SEEN]].tolist() == [0.0, 5.0]
     for t, left in ((10.0, 1), (10.25, 0)):
         update_stays(table, at[:0], np.empty(0), t)
         assert table.used[0] == left
+    for t in (0.0, 1.0):
+        update_stays(table, at, np.array([t]), t)
+    for t, left in ((16.0, 1), (16.25, 0)):
+        update_stays(table, at[:0], np.empty(0), t)
+        assert table.used[0] == left
     update_stays(table, at, np.array([11.0]), 11.0)
-    at[0, X] = 1.1
+    at[0, X] = 1.5
     update_stays(table, at, np.array([12.0]), 12.0)
     assert table.rows[0, stays.SINCE] == 12.0
 

@@ -55,12 +55,13 @@ def chance_of_contact(places, aside, estimates, age, radius, ahead, hold, parts=
     return total
 
 
-def averaged(scans, times=(0.4, 1.2), later=0.8, together=2.5, alike=0.7):
+def averaged(scans, times=(0.4, 1.2), later=0.8, together=2.5, alike=0.7, sudden=0.7, stops=0.5, stands=0.3):
     """Velocities, and how wrong they may be, of the last scan: whole histories, sums written out.
 
     A scan is (t, {name: (x, y, vx, vy)}). Returns {name: (vx, vy, sigma)}.
     """
     past = {}  # of each track: all its (t, v)
+    began = {}  # of each track and time: from which of these on its velocities are averaged, and the weight of the first of them
     errors, compared, pending = {}, {}, {}  # pending: the forecast (t, place, velocities)
     pool, comparisons = np.zeros(len(times) + 2), 0
     out = {}
@@ -71,10 +72,19 @@ def averaged(scans, times=(0.4, 1.2), later=0.8, together=2.5, alike=0.7):
             history.append((t, np.array([vx, vy])))
             means[name] = [np.array([vx, vy])]
             for tau in times:
-                begin = history[0][0]
-                weights = [math.exp(-(t - begin) / tau)]
-                weights += [(1 - math.exp(-(b - a) / tau)) * math.exp(-(t - b) / tau) for (a, _), (b, _) in pairwise(history)]
-                means[name].append(sum(w * v for w, (_, v) in zip(weights, history)) / sum(weights))
+                first, weight = began.setdefault((name, tau), (0, 1.0))
+                used = history[first:]
+                weights = [weight * math.exp(-(t - used[0][0]) / tau)]
+                weights += [(1 - math.exp(-(b - a) / tau)) * math.exp(-(t - b) / tau) for (a, _), (b, _) in pairwise(used)]
+                mean = sum(w * v for w, (_, v) in zip(weights, used)) / sum(weights)
+                now, speed = history[-1][1], math.hypot(*mean)
+                usual = 3.0 * math.sqrt(2.0 / math.pi) * (errors.get(name, np.zeros(1))[0] + 2.0 * pool[0]) / (compared.get(name, 0.0) + 2.0)
+                change = math.dist(now, mean)
+                slower = speed - now @ mean / speed if speed >= stands else change
+                if len(history) > 1 and (change > max(sudden, usual) or slower > max(stops, usual)):
+                    began[name, tau] = len(history) - 1, 1.0 - math.exp(-(t - history[-2][0]) / tau)
+                    mean = now
+                means[name].append(mean)
         averages = {name: mean[1] for name, mean in means.items()}
         for name, (x, y, _, _) in tracks.items():
             companions = [
@@ -199,14 +209,19 @@ def velocities_are_wrong(scans, span, enough, times, memory=0.995, least=0.03, m
     return out
 
 
-def stays(scans, place=1.0, least_memory=1.0):
+def stays(scans, place=1.0, least_memory=1.0, memory=15.0, stood=0.5, still=0.2):
     """Return of each obstacle {name: (since, seen, places)}: the places of its stay, whose box is no longer than `place`.
 
-    `scans` are (t, {name: (x, y)}). An obstacle out of sight is remembered for as long as it had stayed.
+    `scans` are (t, {name: (x, y)}). An obstacle out of sight is remembered for as long as it had stayed, or
+    for `memory` s if it stood.
     """
     known = {}
     for t, seen in scans:
-        known = {name: one for name, one in known.items() if t - one[1] <= max(one[1] - one[0], least_memory)}
+        for name, (since, last, places) in list(known.items()):
+            diagonal = math.dist(np.min(places, axis=0), np.max(places, axis=0))
+            least = memory if last - since >= stood and diagonal <= still else least_memory
+            if t - last > max(last - since, least):
+                del known[name]
         for name, xy in seen.items():
             since, _, places = known.get(name, (t, t, []))
             places = [*places, xy]

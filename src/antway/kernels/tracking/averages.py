@@ -35,9 +35,9 @@ _VELOCITIES = _FROM + 2
 POOL = MODELS + 1  # entries of `pool`
 COLUMNS = _VELOCITIES + 2 * MODELS + POOL
 _SUDDEN = 0.7  # m/s; a velocity that differs from an average by more than this begins a new one; people seldom make such a turn
-_STOPS = 0.4  # m/s; so does one that is slower than the average by more than this, as of somebody who stops, ...
+_STOPS = 0.5  # m/s; so does one that is slower than the average by more than this, as of somebody who stops, ...
 _STANDS = 0.3  # m/s; ... or that differs by more than that from an average slower than this, as of somebody who sets out
-_USUAL = 2.0  # standard deviations of the last velocity; its usual error
+_USUAL = 3.0  # standard deviations of a last velocity; a larger deviation is not its usual error
 _BETTER = 0.9  # 1; another model replaces the last velocity if its error is below this share
 
 

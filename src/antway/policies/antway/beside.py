@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 
 R = TypeVar("R")
 
-_AT_ONCE = 2**16  # number of nodes; work on a smaller map is done within the cycle
+_AT_ONCE = 2**16  # number of nodes, of a car in all headings; work on a smaller map is done within the cycle
 _PACE = 5e5  # nodes/s; a result is used after the time that its map takes at this pace, at which it is there long since
 
 
@@ -22,7 +22,7 @@ class Beside(Generic[R]):
     Parameters
     ----------
     nodes : int
-        Size of the map.
+        Size of the map; for a car, times the number of headings.
     now : float
         The present time, s.
     work : callable

@@ -212,7 +212,9 @@ class AntwayPolicy:
 
     def _compute(self, t: float, work: Callable[[], State | Counted]) -> None:
         """Compute another state, or other times to the goal, beside the control cycles where the map is large."""
-        self._beside = Beside(self._state.detours.wide[-1].field.size, t, work)
+        s = self._state
+        poses = 0 if s.controls is None else s.controls.problem.field.turning.size  # a car has times for each heading
+        self._beside = Beside(max(s.detours.wide[-1].field.size, poses), t, work)
         self._adopt(t)
 
     def _adopt(self, t: float) -> None:
