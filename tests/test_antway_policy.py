@@ -39,6 +39,7 @@ from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guarded
 from antway.policies.paper.policy import PaperPolicy
 from antway.world.motions import Bounce, Line, RandomWalk, Replay, Waypoints
+from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import cases
@@ -115,6 +116,21 @@ def test_waiting_costs_what_it_says() -> None:
     )
     name, cost = first.alternatives[2]
     assert name == f"wait {cost:g} s, then the direct path" and first.alternatives[0][1] <= cost + 0.05 < math.inf
+
+
+@pytest.mark.parametrize("robot", ["holonomic", "inertia", "diff"])
+def test_a_robot_that_stands_says_that_it_waits(robot: str) -> None:
+    """Before two people who close a corridor for good it waits once it stands, and does not say that it goes round them."""
+    blocked = np.zeros((40, 100), dtype=bool)
+    blocked[:12, 30:70] = blocked[28:, 30:70] = True
+    people = [Obstacle(0.25, Line((5.0, y), (5.0, y), 0.0)) for y in (1.6, 2.4)]
+    task = Scenario(World(Grid(blocked, 0.1), people), (1.0, 2.0), (9.0, 2.0), robot=load_robot(robot), horizon=20.0)
+    trace = run(task).trace
+    speed = np.hypot(*np.diff(trace.xy, axis=0).T) / task.robot.dt
+    told = {i: d.action for i, d in trace.decisions}
+    now = [max((i for i in told if i <= k), default=0) for k in range(len(speed))]
+    stands = [k for k in range(20, len(speed)) if (speed[k - 20 : k + 1] < 1e-3).all()]
+    assert len(stands) > 50 and {told[now[k]] for k in stands} <= {"wait", "brake"}
 
 
 def test_decisions_speak_of_what_the_filter_believes() -> None:

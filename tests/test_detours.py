@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from antway import EpisodeResult, Grid, Moves, Scenario, World, check_episode, run
+from antway import EpisodeResult, Grid, Moves, RobotSpec, Scenario, World, check_episode, run
 from antway.kernels.tracking import stays
 from antway.kernels.tracking.predict import NAME, RADIUS, X, Y
 from antway.kernels.tracking.stays import COLUMNS, update_stays
@@ -19,6 +19,7 @@ from antway.policies.antway.tracker import Tracker
 from antway.world.motions import BackAndForth, Line, Motion, Replay
 from antway.world.policy import Tracks
 from antway.world.robots import load_robot
+from antway.world.sensor import Sensor
 from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
 from common import cases
@@ -66,6 +67,21 @@ def test_without_detours_it_waits_forever(robot: str, monkeypatch: pytest.Monkey
     """The test above can fail."""
     monkeypatch.setattr(detours, "_STALLED", math.inf)
     assert not run(scenario(robot, STANDS, horizon=60.0), "antway", seed=0).reached
+
+
+def test_a_robot_remembers_those_it_does_not_see_any_more() -> None:
+    """It goes round a row of people who stand, of whom it sees some at a time, and does not run to and fro for ever."""
+    for seed, half in ((1, 4.0), (2, 4.0), (1, 5.0)):
+        rng, width = np.random.default_rng(seed), 2.0 * half + 1.8
+        start, goal = ((x, width / 2 + rng.uniform(-1.0, 1.0)) for x in (2.0, 14.0))
+        row = np.arange(0.35, width - 1.7, 0.55)
+        row = width - row if rng.random() < 0.5 else row
+        people = [Obstacle(0.25, Line((8.0, y), (8.0, y + 0.001), speed=0.0)) for y in row.tolist()]
+        robot = RobotSpec(sensor_range=2.5 if half == 4.0 else 3.0)
+        world = World(Grid(np.zeros((round(width / 0.1), 160), np.bool_), 0.1), people)
+        sensor = Sensor(occlusion=False)
+        result = checked(Scenario(world=world, robot=robot, start=start, goal=goal, horizon=90.0, sensor=sensor))
+        assert result.reached and result.time < 40.0, seed
 
 
 @pytest.mark.parametrize("robot", ["holonomic", "diff"])

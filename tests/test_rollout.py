@@ -72,9 +72,7 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
     steps = len(colony.problem.outlook.plan)
     for trial in range(20):
         wall_range, swerve = 0.4 * (trial % 2), 2.2 if trial % 3 else 0.1
-        weights = colony.problem.weights._replace(
-            turn_risk=4.0, wall_range=wall_range, follow=5.0 * (trial % 4), swerve=swerve
-        )
+        weights = colony.problem.weights._replace(turn_risk=4.0, wall_range=wall_range, follow=5.0 * (trial % 4), swerve=swerve)
         colony.problem = colony.problem._replace(weights=weights)
         speeds = rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)) if robot.wheels else rng.uniform(-0.7, 0.7, (6, 2))
         controls = np.repeat(speeds, 5, axis=0)[:steps]

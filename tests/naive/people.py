@@ -61,7 +61,7 @@ def averaged(scans, times=(0.4, 1.2), later=0.8, together=2.5, alike=0.7, sudden
     A scan is (t, {name: (x, y, vx, vy)}). Returns {name: (vx, vy, sigma)}.
     """
     past = {}  # of each track: all its (t, v)
-    began = {}  # of each track and time: from which of these on its velocities are averaged, and the weight of the first of them
+    began = {}  # of each track and time: from which of these on velocities are averaged, and the weight of the first
     errors, compared, pending = {}, {}, {}  # pending: the forecast (t, place, velocities)
     pool, comparisons = np.zeros(len(times) + 2), 0
     out = {}
@@ -78,7 +78,8 @@ def averaged(scans, times=(0.4, 1.2), later=0.8, together=2.5, alike=0.7, sudden
                 weights += [(1 - math.exp(-(b - a) / tau)) * math.exp(-(t - b) / tau) for (a, _), (b, _) in pairwise(used)]
                 mean = sum(w * v for w, (_, v) in zip(weights, used)) / sum(weights)
                 now, speed = history[-1][1], math.hypot(*mean)
-                usual = 3.0 * math.sqrt(2.0 / math.pi) * (errors.get(name, np.zeros(1))[0] + 2.0 * pool[0]) / (compared.get(name, 0.0) + 2.0)
+                wrong = (errors.get(name, np.zeros(1))[0] + 2.0 * pool[0]) / (compared.get(name, 0.0) + 2.0)
+                usual = 3.0 * math.sqrt(2.0 / math.pi) * wrong
                 change = math.dist(now, mean)
                 slower = speed - now @ mean / speed if speed >= stands else change
                 if len(history) > 1 and (change > max(sudden, usual) or slower > max(stops, usual)):

@@ -3,7 +3,7 @@
 Places that are measured with a small error give velocities with a large one, and people sway; whatever turns at once is
 predicted best by its last velocity. People who walk together keep one velocity, so that each tells something about the others.
 Each of these models is judged by its errors (kernels/tracking/prediction_error.py). Where a track bounces off a wall, its
-averages are mirrored as well.
+averages are mirrored as well. Where its last velocity shows that somebody has stopped, set out or turned, they begin anew.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ _FROM = _SINCE + 1
 _VELOCITIES = _FROM + 2
 POOL = MODELS + 1  # entries of `pool`
 COLUMNS = _VELOCITIES + 2 * MODELS + POOL
-_SUDDEN = 0.7  # m/s; a velocity that differs from an average by more than this begins a new one; people seldom make such a turn
-_STOPS = 0.5  # m/s; so does one that is slower than the average by more than this, as of somebody who stops, ...
-_STANDS = 0.3  # m/s; ... or that differs by more than that from an average slower than this, as of somebody who sets out
-_USUAL = 3.0  # standard deviations of a last velocity; a larger deviation is not its usual error
+_SUDDEN = 0.7  # m/s; an average begins anew where the last velocity differs from it by more: people seldom turn by so much
+_STOPS = 0.5  # m/s; an average begins anew where the last velocity is slower by more than this, because somebody stops
+_STANDS = 0.3  # m/s; below this average somebody stands, and sets out where the last velocity differs from it by _STOPS
+_NOISE = 3.0  # 1; a difference of fewer standard deviations of the last velocity may be noise, and begins no average
 _BETTER = 0.9  # 1; another model replaces the last velocity if its error is below this share
 
 
@@ -79,8 +79,8 @@ def averaged(
         dt = t - rows[i, SEEN]
         _average(rows[i], estimates[k, VX], estimates[k, VY], dt, is_new)
         if dt > 0.0:
-            usual = _USUAL * math.hypot(estimates[k, SIGMA_V], velocity_error(rows[i], pool, 0))
-            _begin_anew(rows[i], estimates[k, VX], estimates[k, VY], dt, usual)
+            noise = _NOISE * math.hypot(estimates[k, SIGMA_V], velocity_error(rows[i], pool, 0))
+            _restart_averages(rows[i], estimates[k, VX], estimates[k, VY], dt, noise)
     _average_companions(rows, row_at, estimates)
     for k in range(len(estimates)):
         if row_at[k] < 0:
@@ -118,14 +118,14 @@ def _average(row: NDArray[np.float64], vx: float, vy: float, dt: float, is_new: 
 
 
 @bare_kernel
-def _begin_anew(row: NDArray[np.float64], vx: float, vy: float, dt: float, usual: float) -> None:
-    """Let those averages of a track begin anew that its last velocity shows to be out of date, beyond its usual error in m/s."""
+def _restart_averages(row: NDArray[np.float64], vx: float, vy: float, dt: float, noise: float) -> None:
+    """Let those averages of a track begin anew from which its last velocity differs too much, and by more than `noise` m/s."""
     for m in range(len(TIMES)):
         c = _SUMS + 3 * m
         x, y = _average_over(row, m)
         speed, change = math.hypot(x, y), math.hypot(vx - x, vy - y)
         paused = change if speed < _STANDS else speed - (vx * x + vy * y) / speed
-        if change > max(_SUDDEN, usual) or paused > max(_STOPS, usual):
+        if change > max(_SUDDEN, noise) or paused > max(_STOPS, noise):
             weight = 1.0 - math.exp(-dt / TIMES[m])
             row[c], row[c + 1], row[c + 2] = vx * weight, vy * weight, weight
 

@@ -46,9 +46,7 @@ class ControlColony:
     `strict` tells whether a guard in mode "strict" judges the commands: it does not pass stops that an obstacle could enter.
     """
 
-    def __init__(
-        self, options: ControlOptions, task: Task, time_to_goal: NDArray[np.float64], seed: int, strict: bool
-    ) -> None:
+    def __init__(self, options: ControlOptions, task: Task, time_to_goal: NDArray[np.float64], seed: int, strict: bool) -> None:
         robot, o = task.robot, options
         self.options, self.robot, self.task, self.strict = o, robot, task, strict
         horizon = max(o.horizon, min(max(_LEAST_PATH / robot.v_max, _quarter_turn(robot)), 2.0 * o.horizon))

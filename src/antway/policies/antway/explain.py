@@ -46,7 +46,7 @@ def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.floa
         s.crowd.prediction[:known].copy(),
         s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
     )
-    made = explain(snapshot, s.path, arrival - t, bound - t, s.guard_did, pheromone, memory)
+    made = explain(snapshot, s.path, arrival - t, bound - t, *s.did, pheromone, memory)
     doubt = _DOUBT if s.tracker.doubts_velocities else ""
     notes = made.reason, why, str(s.yielding), str(s.dance), str(s.response), doubt
     return replace(made, reason="; ".join(filter(None, notes)))
@@ -58,6 +58,7 @@ def explain(
     cost: float,
     bound: float,
     guard: str,
+    stands: bool,
     pheromone: tuple[int, int, NDArray[np.float32]] | None,
     memory: Memory,
 ) -> Decision:
@@ -73,6 +74,8 @@ def explain(
         Time that the plan needs from here to the goal, and a lower bound on that of any plan, s.
     guard : str
         What the guard did.
+    stands : bool
+        Whether the command is to stand.
     pheromone
         As in `Decision`.
     memory : Memory
@@ -86,7 +89,7 @@ def explain(
     bound = min(cost, bound)  # the bound holds for the moves of the grid, and an any-angle path may be faster
     late = max(cost - now.free(), 0.0)
     waiting = wait_of(path, now.now)
-    action = _STEPS.get(guard, "wait" if waiting > 0.0 else "follow")
+    action = _STEPS.get(guard, "wait" if waiting > 0.0 and stands else "follow")
     k, t, gap = _nearest(now, velocity, float(path.t[-1]) - now.now)
     met = f"closest in {t:.1f} s at {max(gap, 0.0):.1f} m"
     if k is None and (waiting > 0.0 or late > _LATE):
@@ -101,15 +104,17 @@ def explain(
         name = -1 if name >= NAMELESS else name
         kind = encounter(velocity, (float(now.estimates[k, VX]), float(now.estimates[k, VY])))
         how = manner(kind, velocity, path, now.segments_of(k), now.now)
-        stands = (path.xy[np.searchsorted(path.t, now.now, side="right") :] == path.xy[-1]).all()
-        does = how if waiting == 0.0 else f"wait {waiting:.1f} s" if stands else f"wait {waiting:.1f} s, {how}"
+        stays = (path.xy[np.searchsorted(path.t, now.now, side="right") :] == path.xy[-1]).all()
+        wait = f"wait {waiting:.1f} s" if waiting > 0.0 else "stand for now" if stands else ""
+        does = wait if waiting > 0.0 and stays else ", ".join(filter(None, (wait, how)))
         if action == "follow":
-            action = "avoid"
+            action = "wait" if stands else "avoid"
         whom = f"obstacle {name}" if name >= 0 else "an obstacle"
         reason = f"{kind} with {whom}, {met}: {does}, {f'+{late:.1f} s' if late < math.inf else 'no path found'}"
         alternatives = Weighed(now, k, kind, velocity, (does, late), how)
     elif late > _LATE:
         reason = "a detour around what moves" if late < math.inf else "no motion that gets nearer to the goal is known"
+        action = "wait" if stands and action == "follow" else action
     if guard in _STEPS or guard == "slowed":
         reason += f"; guard: {guard}"
     return Decision(

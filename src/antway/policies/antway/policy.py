@@ -57,6 +57,7 @@ from antway.world.policy import XY, Command, Decision, Observation, Task
 from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
+_STANDS = 1e-3  # m/s and rad/s; a slower command is to stand
 _EXPANSIONS_SHOWN = 5  # number of moves that the ants test in one displayed cycle
 
 
@@ -257,13 +258,13 @@ class AntwayPolicy:
         command = Command((0.0, 0.0)) if s.dance.stands(observation, s.task.robot.v_max, s.rng) else command
         # Where the sensor gives no names, names are guesses, so a strict guard gets the observation without them.
         command = self._guarded(as_sensed if self.mode == "strict" else observation, command)
-        guard_did = "" if self.guard is None else self.guard.did
-        if what != KEPT or guard_did != s.guard_did or observation.t >= s.until:
+        did = ("" if self.guard is None else self.guard.did), math.hypot(*(command.twist or command.velocity)) < _STANDS
+        if what != KEPT or did != s.did or observation.t >= s.until:
             s.decision, s.until = None, math.inf
             if what != KEPT:
                 s.path = self._planned()
         if s.decision is None:
-            s.cycle, s.guard_did = (observation, s.plan.state.item(ARRIVAL), s.plan.state.item(BOUND)), guard_did
+            s.cycle, s.did = (observation, s.plan.state.item(ARRIVAL), s.plan.state.item(BOUND)), did
         self.sent(observation, command)
         return command
 

@@ -73,8 +73,8 @@ class State:
     cycle : (Observation, float, float) or None
         The control cycle that the explanation is about: what was observed, when the plan arrives at the goal, s, and a lower
         bound on any arrival, s.
-    guard_did : str
-        What the guard did then.
+    did : (str, bool)
+        What the guard did then, and whether the command was to stand.
     decision : Decision or None
         The explanation; None: it has to be made.
     until : float
@@ -101,7 +101,7 @@ class State:
     started: float = math.nan
     path: TimedPath | None = None
     cycle: tuple[Observation, float, float] | None = None
-    guard_did: str = ""
+    did: tuple[str, bool] = ("", False)
     decision: Decision | None = None
     until: float = math.inf
 
