@@ -122,11 +122,11 @@ def test_what_is_seen_raises_the_bounds() -> None:
     assert guard.tracks[0, 5] == 2.5 and 1.0 <= guard.tracks[1, 5] < 1.2
 
 
-def _averaged(scans, terrain: Terrain = AIR) -> np.ndarray:
+def _averaged(scans, terrain: Terrain = AIR, restart: bool = True) -> np.ndarray:
     table, pool, out = make_table(64, averages.COLUMNS), np.zeros(averages.POOL), np.empty(0)
     for (t, estimates), changed in zip(scans, changes_of(scans, terrain), strict=True):
         out = np.empty_like(estimates)
-        averages.averaged(table, pool, estimates, changed, t, out)
+        averages.averaged(table, pool, estimates, changed, t, restart, out)
     return out
 
 
@@ -149,8 +149,9 @@ def test_the_average_that_foretold_best_is_taken(sways: bool) -> None:
     assert np.mean(off) < (0.2 if sways else 1e-9)  # the last velocity alone is off by 0.38 on the average
 
 
-def test_discs_that_bounce_are_not_averaged() -> None:
-    """Discs cross an aisle to and fro; also where its walls are not known, no average from before a bounce is used."""
+@pytest.mark.parametrize("restart", [False, True])
+def test_discs_that_bounce_are_not_averaged(restart: bool) -> None:
+    """Discs cross an aisle to and fro; averages from before a bounce are used only if neither walls are known nor they restart."""
     wrong, aisle = {True: 0, False: 0}, terrain_of(Grid(np.zeros((15, 200), np.bool_), 0.1))
     for known in wrong:
         rng = np.random.default_rng(7)
@@ -163,9 +164,9 @@ def test_discs_that_bounce_are_not_averaged() -> None:
                 scans.append((0.1 * i, estimates))
                 xy = xy + 0.1 * v
                 v[:, 1] = np.where(xy[:, 1] < 0.3, np.abs(v[:, 1]), np.where(xy[:, 1] > 1.2, -np.abs(v[:, 1]), v[:, 1]))
-            off = np.abs(_averaged(scans, aisle if known else AIR)[:, (VX, VY)] - scans[-1][1][:, (VX, VY)])
+            off = np.abs(_averaged(scans, aisle if known else AIR, restart)[:, (VX, VY)] - scans[-1][1][:, (VX, VY)])
             wrong[known] += int((off.max(axis=1) > 1e-9).sum())
-    assert wrong == {True: 0, False: 0}
+    assert wrong[True] == 0 and (wrong[False] > 0) == (not restart)
 
 
 @pytest.mark.parametrize(("before", "after"), [(1.2, 0.0), (1.2, -0.8), (0.0, 0.8)])
@@ -184,7 +185,8 @@ def test_who_stops_turns_back_or_sets_out_is_noticed_at_once(before: float, afte
         assert np.hypot(*(_averaged(scans)[:, (VX, VY)] - (after, 0.0)).T).max() < 0.25
 
 
-def test_averages_are_those_of_their_slow_twin() -> None:
+@pytest.mark.parametrize("restart", [False, True])
+def test_averages_are_those_of_their_slow_twin(restart: bool) -> None:
     """Velocities and how wrong they may be are those of sums over whole histories, as tracks sway, come and go."""
     rng = np.random.default_rng(12)
     for _ in range(cases(8, 200)):
@@ -197,7 +199,8 @@ def test_averages_are_those_of_their_slow_twin() -> None:
             scans.append((step * i, estimates))
             slow.append((step * i, {k: (*xy[k], *v[k]) for k in np.flatnonzero(there).tolist()}))
             xy = xy + v * step
-        out, told = _averaged(scans), naive.averaged(slow)
+        least = {} if restart else {"sudden": math.inf, "stops": math.inf}
+        out, told = _averaged(scans, AIR, restart), naive.averaged(slow, **least)
         for row in out:
             assert tuple(row[[VX, VY, SIGMA_V]]) == pytest.approx(told[int(row[NAME])], abs=1e-9)
 

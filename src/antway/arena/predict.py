@@ -249,7 +249,7 @@ def _estimates(
         estimates = np.zeros((len(scan), 8))
         estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, NAME] = scan[:, 2:4], scan[:, 4:6], scan[:, 1]
         out = np.empty_like(estimates)
-        averaged(memory, pool, estimates, np.zeros((len(scan), 4)), float(t), out)  # recordings come without walls
+        averaged(memory, pool, estimates, np.zeros((len(scan), 4)), float(t), False, out)  # recordings come without walls
         known = scan[:, 8] >= PAST - 1e-9
         times.append(np.full(int(known.sum()), t))
         rows.append(out[known])

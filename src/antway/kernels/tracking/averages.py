@@ -3,7 +3,7 @@
 Places that are measured with a small error give velocities with a large one, and people sway; whatever turns at once is
 predicted best by its last velocity. People who walk together keep one velocity, so that each tells something about the others.
 Each of these models is judged by its errors (kernels/tracking/prediction_error.py). Where a track bounces off a wall, its
-averages are mirrored as well. Where its last velocity shows that somebody has stopped, set out or turned, they begin anew.
+averages are mirrored as well. Where its last velocity shows that somebody has stopped, set out or turned, they may begin anew.
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ def averaged(
     estimates: NDArray[np.float64],
     changes: NDArray[np.float64],
     t: float,
+    restart: bool,
     out: NDArray[np.float64],
 ) -> None:
     """Copy `estimates` to `out` with the velocities that predict best.
@@ -62,6 +63,9 @@ def averaged(
         As in kernels/tracking/predict.py, at time `t` s.
     changes : float64[K, 4]
         Of `velocity_changes`.
+    restart : bool
+        Whether averages begin anew where somebody stops, sets out or turns. A robot with inertia needs to know that at once,
+        though places a second and more ahead are predicted a little worse by it.
     """
     rows = table.rows
     drop_lost(table, t)
@@ -78,7 +82,7 @@ def averaged(
             _mirror(rows[i], changes[k, N_X], changes[k, N_Y])
         dt = t - rows[i, SEEN]
         _average(rows[i], estimates[k, VX], estimates[k, VY], dt, is_new)
-        if dt > 0.0:
+        if restart and dt > 0.0:
             noise = _NOISE * math.hypot(estimates[k, SIGMA_V], velocity_error(rows[i], pool, 0))
             _restart_averages(rows[i], estimates[k, VX], estimates[k, VY], dt, noise)
     _average_companions(rows, row_at, estimates)

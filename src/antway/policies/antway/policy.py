@@ -312,7 +312,7 @@ class AntwayPolicy:
         if self.mode == "strict":
             s.crowd.averaged[: len(estimates)] = estimates
         else:
-            s.tracker.average(t, s.crowd.changes, s.crowd.averaged)
+            s.tracker.average(t, s.crowd.changes, not s.task.robot.stepwise, s.crowd.averaged)
 
     def _look_for_detours(self, o: Observation) -> None:
         """If obstacles have stayed where they are for long, plan anew with times that count with that, or give way to one."""

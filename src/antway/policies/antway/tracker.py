@@ -109,9 +109,12 @@ class Tracker:
         """Write to `out` how velocities have changed up to the scan at time `t` s, and count the turns."""
         call(changes.velocity_changes, self._seen, self._turns, self.estimates, terrain, float(t), out)
 
-    def average(self, t: float, changed: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Write the estimates at time `t` s to `out`, with the velocities that predict best; `changed` is from `compare`."""
-        call(averages.averaged, self.averages, self.pool, self.estimates, changed, float(t), out)
+    def average(self, t: float, changed: NDArray[np.float64], restart: bool, out: NDArray[np.float64]) -> None:
+        """Write the estimates at time `t` s to `out`, with the velocities that predict best.
+
+        `changed` is from `compare`, and `restart` as in kernels/tracking/averages.py.
+        """
+        call(averages.averaged, self.averages, self.pool, self.estimates, changed, float(t), restart, out)
 
     @property
     def turns(self) -> tuple[float, float]:
