@@ -151,7 +151,7 @@ def test_the_average_that_foretold_best_is_taken(sways: bool) -> None:
 
 @pytest.mark.parametrize("restart", [False, True])
 def test_discs_that_bounce_are_not_averaged(restart: bool) -> None:
-    """Discs cross an aisle to and fro; averages from before a bounce are used only if neither walls are known nor they restart."""
+    """Discs cross an aisle to and fro; those from before a bounce are averaged only without walls and restarts."""
     wrong, aisle = {True: 0, False: 0}, terrain_of(Grid(np.zeros((15, 200), np.bool_), 0.1))
     for known in wrong:
         rng = np.random.default_rng(7)
