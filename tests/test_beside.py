@@ -68,6 +68,23 @@ def test_commands_are_given_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
     assert policy.state is not None and policy.state.detours.expects
 
 
+def test_a_car_has_more_to_compute(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has times to the goal in each heading, so a thread computes its detours on a map that is small for others."""
+    monkeypatch.setattr(beside, "_AT_ONCE", 30_000)
+    late: dict[str, list[bool]] = {}
+    car = replace(load_robot("diff"), drive="ackermann", turning_radius=0.8)
+    for name, robot in (("diff", load_robot("diff")), ("car", car)):
+        policy, task = AntwayPolicy(), Task(two_doors(), robot, (3.0, 4.0), (13.1, 4.1))
+        policy.reset(task, seed=0)
+        tracks = Tracks(np.array([1]), np.array([[8.0, 2.6]]), np.zeros((1, 2)), np.array([0.3]))
+        late[name] = []
+        for k in range(45):
+            policy.act(Observation(0.1 * k, task.start, (0.0, 0.0), 0.0, tracks))
+            late[name].append(policy._beside is not None)
+        assert policy.state is not None and policy.state.detours.expects
+    assert any(late["car"]) and not any(late["diff"])
+
+
 def played(make: Callable[[], EpisodeResult], monkeypatch: pytest.MonkeyPatch, pace: float) -> list[EpisodeResult]:
     """Play an episode as usual, and twice with all work done beside the cycles."""
     results = [make()]
