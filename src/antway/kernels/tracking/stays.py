@@ -17,9 +17,9 @@ SINCE, SIZE, LOW_X, LOW_Y, HIGH_X, HIGH_Y = range(2, 8)
 COLUMNS = 8
 PLACE = 1.0  # m; an obstacle stays as long as the diagonal of the box that holds its centre is no longer than this
 _LEAST_MEMORY = 1.0  # s; an obstacle that was not seen for longer than this and than its stay is forgotten
-_MEMORY = 15.0  # s; so is one that stood, but after this time: a robot that goes round many sees only some of them at a time
-_STOOD = 0.5  # s; an obstacle stood if it stayed for this time or longer, ...
-_STILL = 0.2  # m; ... and the diagonal of its box is no longer than this
+_MEMORY = 15.0  # s; an obstacle that stood is remembered for this long: a robot that goes round many sees only some at a time
+_STOOD = 0.5  # s; an obstacle whose stay is shorter did not stand
+_STILL = 0.2  # m; an obstacle whose box has a longer diagonal did not stand
 
 
 @bare_kernel

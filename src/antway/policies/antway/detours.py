@@ -22,7 +22,7 @@ Contexts = tuple[PlanningContext, ...]
 Times = tuple[Contexts, list[NDArray[np.float64]]]  # contexts, and for each float64[H * W], s
 
 _INTERVAL = 0.25  # s; scans are looked at as often as that
-_ROWS = 64  # limit of obstacles whose stays are known
+_ROWS = 128  # limit of obstacles whose stays are known
 _STALLED = 3.0  # s; a robot that comes no nearer to its goal for this time looks for detours around what has stayed as long
 _PROGRESS = 0.3  # s; a robot whose time to the goal has fallen by less than this has come no nearer
 _ARRIVED = 0.5  # s; nearer to the goal than this, the robot has no use for detours
