@@ -197,7 +197,7 @@ def test_the_guards_process_brakes_for_a_node_that_is_stopped_or_killed(drive):
     """The first braking command comes within one period of the odometry that the node leaves unanswered; then it stands.
 
     The guard takes missing odometry for late, not for missing, for half a period. A machine that lets the process that sends
-    odometry wait for so long makes it later by as much.
+    odometry, or that of the guard, wait for so long makes it later by as much.
     """
     period, stops = 0.2, cases(3, 30)
     settings = {"autostart": True, "robot.drive": drive, "robot.dynamics": "ramps", "robot.dt": period, "guard_process": True}
