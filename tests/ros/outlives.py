@@ -26,7 +26,7 @@ TURN = 0.02  # s; a turn of the loop that sends odometry takes less if the machi
 
 
 class Base(Robot):
-    """Drives as the newest command says, on wheels or in any direction, and notes when each came."""
+    """Drives as the newest command says, on wheels or in any direction, and notes when each came, and how late the machine made it."""
 
     def __init__(self) -> None:
         super().__init__(pictures=False)
@@ -38,7 +38,9 @@ class Base(Robot):
         super().on_twist(message)
         linear, angular = message.twist.linear, message.twist.angular
         self.v = linear.x, linear.y, angular.z
-        self.commands.append((time.monotonic(), math.hypot(linear.x, linear.y), abs(angular.z)))
+        now = time.monotonic()
+        late = self.paused + max(now - self.now - TURN, 0.0)
+        self.commands.append((now, math.hypot(linear.x, linear.y), abs(angular.z), late))
 
     def drive(self, true, patience: float) -> bool:
         """Move and send what is sensed until `true()`; False if that does not come in so many s."""
@@ -95,21 +97,23 @@ def main(stops: int, period: float, command: list[str]) -> None:
         for k in range(stops + 1):
             goal = max(ENDS, key=lambda place: math.dist(place, robot.xy))
             fast = lambda: bool(robot.commands) and robot.commands[-1][1] > 0.3  # noqa: E731
-            while not (robot.drive(fast, 5.0) and math.dist(goal, robot.xy) > 6.0):
+            slow = lambda: not fast()  # noqa: E731
+            moment = float(rng.uniform(0.0, 2 * period))
+            while not (robot.drive(fast, 5.0) and math.dist(goal, robot.xy) > 6.0 and not robot.drive(slow, moment)):
                 goal = max(ENDS, key=lambda place: math.dist(place, robot.xy))
                 robot.go(goal)
                 robot.commands.clear()
-            robot.drive(lambda: False, float(rng.uniform(0.0, 2 * period)))
             guards = children(node.pid)
             os.kill(node.pid, signal.SIGSTOP if k < stops else signal.SIGKILL)
             before, ended = robot.commands[-1], time.monotonic()
             robot.commands.clear()
             robot.paused, so_far = 0.0, sum(map(waited, guards))
-            robot.drive(lambda: len(robot.commands) > 1 and robot.commands[-1][1:] == (0.0, 0.0), 10.0)
-            later = [one for one in robot.commands if one[0] > ended + 0.005 or one[1] < before[1]]
+            robot.drive(lambda: len(robot.commands) > 1 and robot.commands[-1][1:3] == (0.0, 0.0), 10.0)
+            # What the node sent before it was stopped may come after that; it is as late as the machine lets this process wait.
+            later = [one for one in robot.commands if one[0] > ended + TURN + one[3] or one[1] < before[1]]
             took.append(later[0][0] - ended if later else math.inf)
             paused.append(robot.paused + max(sum(map(waited, guards)) - so_far, 0.0))
-            rest.append([speed for _, speed, _ in [before, *later]])
+            rest.append([one[1] for one in [before, *later]])
             if k < stops:
                 os.kill(node.pid, signal.SIGCONT)
                 robot.commands.clear()
