@@ -28,7 +28,7 @@ from antway.errors import BadScenario
 from antway.kernels import sidestep
 from antway.kernels.base.records import RobotState, Terrain
 from antway.kernels.robot.harm import harm, least_harm
-from antway.kernels.tracking import averages, noise, reported
+from antway.kernels.tracking import averages, kalman, noise, reported
 from antway.kernels.tracking.predict import (
     NAME,
     NO_PREDICTIONS,
@@ -448,6 +448,58 @@ def test_noise_is_told_from_innovations(measured: bool) -> None:
         assert np.sqrt(np.mean(found[-100:], axis=0)) == pytest.approx([sigma, speed if measured else 0.0], rel=0.2, abs=1e-3)
         assert math.sqrt(found[20][0]) == pytest.approx(sigma, rel=0.5, abs=5e-3)  # after two seconds
         assert np.sqrt(slow) == pytest.approx([sigma, speed if measured else 0.0], rel=0.1, abs=1e-3)
+
+
+@pytest.mark.parametrize("tracks", [1, 2, 8])
+def test_noise_is_known_from_the_sixth_innovation_on(tracks: int) -> None:
+    """It is that of the median of all innovations so far, and so is that of velocities; before, none is known."""
+    rng = np.random.default_rng(tracks)
+    table, state, scans = make_table(16, noise.COLUMNS), np.zeros(noise.STATE), []
+    for i in range(16 // tracks + 1):
+        scan = 0.1 * i, np.arange(tracks), 0.1 * i + rng.normal(0, 0.05, (tracks, 2)), rng.normal(1, 0.1, (tracks, 2))
+        scans.append(scan)
+        found = noise.measured_noise(*table[:2], state, *scan)
+        if i * tracks >= 6:
+            assert found == pytest.approx(naive.measured_noise(scans)), "the slow twin has true medians"
+        else:
+            assert found[0] < noise.EXACT
+
+
+def test_who_was_taken_to_be_seen_exactly_is_not_once_noise_shows() -> None:
+    """Estimates from the first scans, whose places are wrong, come near to the true places within a second.
+
+    With the variance 0 of an exact place, no later place had any weight, and robots touched people whom they saw from the start.
+    """
+    rng, errors = np.random.default_rng(2), []
+    terrain = terrain_of(Grid(np.zeros((40, 40), bool), 0.5))
+    velocity = np.array([[0.5, 0.0], [0.0, -0.4], [0.3, 0.3]])
+    for _ in range(50):
+        tracker, true = Tracker(), rng.uniform(5.0, 15.0, (3, 2))
+        for i in range(11):
+            seen = true + 0.1 * i * velocity + rng.normal(0.0, 0.05, (3, 2))
+            tracker.update(Tracks(np.arange(3), seen, velocity, np.full(3, 0.3)), 0.1 * i, terrain)
+        gap = np.hypot(*(tracker.estimates[:, :2] - true - velocity).T)
+        errors += (gap / tracker.estimates[:, SIGMA]).tolist()
+        assert gap.max() < 0.06
+    assert np.mean(np.square(errors)) == pytest.approx(2.0, rel=0.5), "the stated standard deviation is that along each axis"
+
+
+def test_variances_are_raised_as_if_measurements_had_been_so_wrong_from_the_start() -> None:
+    """As a filter over the same times finds them, whose measurements are that wrong; those of exact places become theirs."""
+    for before in (0.01**2, 0.02**2):
+        found = []
+        for variance in (before, 0.05**2):
+            table, estimates = make_table(4, kalman.COLUMNS, NAME), np.zeros((4, 8))
+            for i in range(20):
+                still = np.zeros((1, 2)), np.zeros((1, 2)), np.full(1, 0.3), np.array([[variance, 1e-12]])
+                kalman.update(*table[:2], 0.1 * i, np.zeros(1, np.int64), *still, 0.0, estimates)
+            if variance == before:
+                kalman.raise_variances(*table[:2], np.array([before, 0.0]), np.array([0.05**2, 0.0]))
+            found.append(table.rows[0, kalman.P11])
+        assert found[0] == pytest.approx(found[1], rel=1e-6)
+    table.rows[0, kalman.P11] = 0.0
+    kalman.raise_variances(*table[:2], np.zeros(2), np.array([0.05**2, 0.1**2]))
+    assert table.rows[0, [kalman.P11, kalman.P22]] == pytest.approx([0.05**2, 0.1**2])
 
 
 def test_velocities_that_lead_to_exact_places_are_exact() -> None:

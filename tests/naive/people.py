@@ -145,7 +145,7 @@ def measured_noise(scans) -> tuple[float, float]:
     for t, ids, xy, velocity in scans:
         for name, place, speed in zip(ids, xy, velocity):
             tracks.setdefault(int(name), []).append((t, place, speed))
-    squares, changes = [], [0.0]
+    squares, changes = [], []
     for places in tracks.values():
         for (t1, x1, v1), (t2, x2, v2) in pairwise(places):
             if not np.isnan(v1[0]):
@@ -155,7 +155,7 @@ def measured_noise(scans) -> tuple[float, float]:
             if np.isnan(v0[0]):
                 weights = np.array([(t2 - t1) / (t1 - t0), -(t2 - t0) / (t1 - t0), 1.0])
                 squares.append(((weights @ np.array([x0, x1, x2])) ** 2).sum() / (2.0 * (weights**2).sum()))
-    return float(np.median(squares)) / math.log(2.0), float(np.median(changes)) / math.log(2.0)
+    return float(np.median(squares)) / math.log(2.0), float(np.median(changes or [0.0])) / math.log(2.0)
 
 
 def bounced(state, radius, side, dt, xy, velocity, deviations) -> tuple[list[float], bool]:

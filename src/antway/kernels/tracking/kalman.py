@@ -119,6 +119,26 @@ def update(
 
 
 @kernel
+def raise_variances(rows: NDArray[np.float64], used: NDArray[np.int64], before: NDArray[np.float64], now: NDArray[np.float64]) -> None:
+    """Raise the variances of all estimates after measurements have turned out to be worse than they were taken for.
+
+    An estimate from measurements that counted as exact would stay as it is: no later measurement would have any weight.
+
+    Parameters
+    ----------
+    rows, used
+        Of the track table.
+    before, now : float64[2]
+        The variances of measured places (m^2) and velocities (m^2/s^2): those with which the estimates were made, and others.
+    """
+    for column, kind in ((P11, 0), (P22, 1)):
+        if now[kind] > before[kind]:
+            for i in range(used[0]):
+                share = rows[i, column] / before[kind] if before[kind] > 0.0 else 1.0
+                rows[i, column] = max(rows[i, column], min(share, 1.0) * now[kind])
+
+
+@kernel
 def bounce(
     rows: NDArray[np.float64],
     used: NDArray[np.int64],

@@ -57,6 +57,7 @@ class Tracker:
         # The measurements last compared and their errors, for each span of kernels/tracking/reported.py.
         self._compared = [(make_table(MOST_ROWS, reported.COLUMNS), np.zeros(3), span) for span in reported.SPANS]
         self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
+        self._largest = np.zeros(2)  # the largest variances that innovations have shown, if places were not nearly exact
         self._seen = make_table(ROWS, changes.COLUMNS)  # see kernels/tracking/changes.py
         self._has_velocities = True  # whether the sensor measured those of all tracks in the last scan
         self.doubts_velocities = False
@@ -142,7 +143,12 @@ class Tracker:
                 variance[:, 1] = np.minimum(variance[:, 1], _MEASURED)
             variance[filtered] *= -1.0
         else:
-            variance[:] = noise.measured_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
+            found = noise.measured_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
+            variance[:] = found
+            if found[0] > noise.EXACT and (found > self._largest).any():
+                worse = np.maximum(self._largest, found)
+                call(kalman.raise_variances, *self.table[:2], self._largest, worse)
+                self._largest = worse
         return variance
 
     def for_guard(self, seen: Observation, strict: bool) -> Observation:
