@@ -465,11 +465,14 @@ def test_noise_is_known_from_the_sixth_innovation_on(tracks: int) -> None:
             assert found[0] < noise.EXACT
 
 
-def test_who_was_taken_to_be_seen_exactly_is_not_once_noise_shows() -> None:
+@pytest.mark.parametrize("stated", [None, 0.0, 0.005])
+def test_who_was_taken_to_be_seen_exactly_is_not_once_noise_shows(stated: float | None) -> None:
     """Estimates from the first scans, whose places are wrong, come near to the true places within a second.
 
     With the variance 0 of an exact place, no later place had any weight, and robots touched people whom they saw from the start.
+    The same goes for a sensor that states no such errors, or far too small ones.
     """
+    covariance = None if stated is None else np.tile(np.diag([stated**2, stated**2, 0.0, 0.0]), (3, 1, 1))
     rng, errors = np.random.default_rng(2), []
     terrain = terrain_of(Grid(np.zeros((40, 40), bool), 0.5))
     velocity = np.array([[0.5, 0.0], [0.0, -0.4], [0.3, 0.3]])
@@ -477,7 +480,7 @@ def test_who_was_taken_to_be_seen_exactly_is_not_once_noise_shows() -> None:
         tracker, true = Tracker(), rng.uniform(5.0, 15.0, (3, 2))
         for i in range(11):
             seen = true + 0.1 * i * velocity + rng.normal(0.0, 0.05, (3, 2))
-            tracker.update(Tracks(np.arange(3), seen, velocity, np.full(3, 0.3)), 0.1 * i, terrain)
+            tracker.update(Tracks(np.arange(3), seen, velocity, np.full(3, 0.3), covariance), 0.1 * i, terrain)
         gap = np.hypot(*(tracker.estimates[:, :2] - true - velocity).T)
         errors += (gap / tracker.estimates[:, SIGMA]).tolist()
         assert gap.max() < 0.06

@@ -21,6 +21,7 @@ _NEAR = 0.8  # m; a track without a name is matched if it is nearer than this to
 NAMELESS = 2**52  # tracks that the sensor gives no name are named by numbers from here on; above, floats lose whole numbers
 _LARGEST_NAME = 2.0**63 - 1024.0  # the largest float that is a whole number of 64 bits
 _MEASURED = 0.9 * kalman.UNKNOWN**2  # m^2/s^2; a measured velocity is known better than one that is not measured
+_UNDERSTATED = 4.0  # 1; a sensor whose innovations show a variance of places this many times the stated one understates it
 _NOISY = 1e-4  # m^2; above this median of the squared innovations, the guard is given estimates instead of measurements
 
 
@@ -131,25 +132,37 @@ class Tracker:
     def _variances(self, tracks: Tracks, t: float) -> NDArray[np.float64]:
         """Return the variances of places (m^2) and velocities (m^2/s^2) as the filter takes them, float64[K, 2]."""
         variance = self._variance[: len(tracks)]
-        if tracks.covariance is not None:
-            # A filter correlates place and velocity.
-            filtered = tracks.covariance[:, :2, 2:].any(axis=(1, 2))
-            variance[:, 0], variance[:, 1] = tracks.variances(0), tracks.variances(2)
-            # Many trackers state errors that are far too large. What a filter shows is smoother than its errors.
-            if not self._strict and len(tracks) and not filtered.any():
-                self._noise[noise.PLACE] = self._noise[noise.PLACE] or noise.MEDIAN * float(np.median(variance[:, 0]))
-                shown, _ = noise.measured_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
-                variance *= np.minimum(shown / np.maximum(variance[:, :1], 1e-12), 1.0)
-                variance[:, 1] = np.minimum(variance[:, 1], _MEASURED)
-            variance[filtered] *= -1.0
-        else:
-            found = noise.measured_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
-            variance[:] = found
-            if found[0] > noise.EXACT and (found > self._largest).any():
-                worse = np.maximum(self._largest, found)
-                call(kalman.raise_variances, *self.table[:2], self._largest, worse)
-                self._largest = worse
+        if tracks.covariance is None:
+            variance[:] = found = self._shown(tracks, t)
+            if found[0] > noise.EXACT:
+                self._doubt(found)
+            return variance
+        # A filter correlates place and velocity.
+        filtered = tracks.covariance[:, :2, 2:].any(axis=(1, 2))
+        variance[:, 0], variance[:, 1] = tracks.variances(0), tracks.variances(2)
+        if not self._strict and len(tracks) and not filtered.any():
+            stated = float(np.median(variance[:, 0]))
+            self._noise[noise.PLACE] = self._noise[noise.PLACE] or noise.MEDIAN * stated
+            found = self._shown(tracks, t)
+            if found[0] > max(noise.EXACT, _UNDERSTATED * stated):
+                variance[:] = np.maximum(variance, found)
+                self._doubt(found)
+            else:  # many trackers state errors that are far too large; what a filter shows is smoother than its errors
+                variance *= np.minimum(found[0] / np.maximum(variance[:, :1], 1e-12), 1.0)
+            variance[:, 1] = np.minimum(variance[:, 1], _MEASURED)
+        variance[filtered] *= -1.0
         return variance
+
+    def _shown(self, tracks: Tracks, t: float) -> tuple[float, float]:
+        """Return the variances of measured places (m^2) and velocities (m^2/s^2) that innovations show."""
+        return noise.measured_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
+
+    def _doubt(self, found: tuple[float, float]) -> None:
+        """Doubt estimates that were made while measurements were taken to be better than these variances."""
+        worse = np.maximum(self._largest, found)
+        if (worse > self._largest).any():
+            call(kalman.raise_variances, *self.table[:2], self._largest, worse)
+            self._largest = worse
 
     def for_guard(self, seen: Observation, strict: bool) -> Observation:
         """Return the observation with the tracks that the guard is given: measurements if they are exact, else estimates.
