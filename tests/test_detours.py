@@ -9,7 +9,7 @@ import pytest
 
 from antway import EpisodeResult, Grid, Moves, RobotSpec, Scenario, World, check_episode, run
 from antway.kernels.tracking import stays
-from antway.kernels.tracking.predict import NAME, RADIUS, X, Y
+from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
 from antway.kernels.tracking.stays import COLUMNS, update_stays
 from antway.kernels.tracking.table import NAMED, SEEN, make_table, rows_in_use
 from antway.policies.antway import detours
@@ -109,18 +109,18 @@ def test_stays_are_those_of_the_slow_twin() -> None:
             t = 0.25 * i
             visible = np.flatnonzero(rng.random(6) < (0.2 if i % 30 > 18 else 0.9))
             estimates, seen = np.zeros((6, 8)), np.full(6, t - 0.25)
-            estimates[:, (X, Y)], estimates[:, RADIUS], estimates[:, NAME] = xy, 0.3, np.arange(6)
+            estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, RADIUS], estimates[:, NAME] = xy, v, 0.3, np.arange(6)
             seen[visible] = t
             update_stays(table, estimates, seen, t)
-            scans.append((t, {k: tuple(xy[k].tolist()) for k in visible.tolist()}))
+            scans.append((t, {k: (*xy[k].tolist(), *v[k].tolist()) for k in visible.tolist()}))
             xy, v = xy + 0.25 * v + rng.normal(0, 0.01, (6, 2)), np.where(rng.random((6, 1)) < 0.2, -v, v)
         known = naive.stays(scans)
         assert sorted(known) == sorted(rows_in_use(table)[:, NAMED].astype(int).tolist())
         for row in rows_in_use(table):
-            since, last, places = known[int(row[NAMED])]
+            since, last, places, _ = known[int(row[NAMED])]
             assert (row[stays.SINCE], row[SEEN]) == (since, last)
             assert row[stays.LOW_X : stays.HIGH_X].tolist() == np.min(places, axis=0).tolist()
-            assert row[stays.HIGH_X :].tolist() == np.max(places, axis=0).tolist()
+            assert row[stays.HIGH_X : stays.LEAVING].tolist() == np.max(places, axis=0).tolist()
 
 
 def test_a_stay_ends_when_the_obstacle_has_left_or_is_forgotten() -> None:
@@ -142,6 +142,18 @@ def test_a_stay_ends_when_the_obstacle_has_left_or_is_forgotten() -> None:
     at[0, X] = 1.5
     update_stays(table, at, np.array([12.0]), 12.0)
     assert table.rows[0, stays.SINCE] == 12.0
+
+
+def test_who_was_leaving_is_not_remembered() -> None:
+    """Who stood in a doorway and walks off out of sight stands there no longer; robots gave way to him for ten seconds."""
+    table, at = make_table(4, COLUMNS), np.zeros((1, 8))
+    for i in range(100):
+        at[0, (X, VX)] = max(0.0, 0.25 * i - 24.0), float(i > 96)
+        update_stays(table, at, np.array([0.25 * i]), 0.25 * i)
+    assert table.rows[0, stays.SINCE] == 0.0 and table.rows[0, stays.HIGH_X] == 0.75
+    for t, left in ((25.5, 1), (26.0, 0)):
+        update_stays(table, at[:0], np.empty(0), t)
+        assert table.used[0] == left
 
 
 def test_times_are_the_least_of_waits_and_detours() -> None:

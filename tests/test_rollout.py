@@ -15,7 +15,7 @@ from antway.kernels.controls.abreast import X, Y, judge_all
 from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
-from antway.kernels.controls.motion import motion_state
+from antway.kernels.controls.motion import motion_state, step
 from antway.kernels.controls.others import average, restart
 from antway.kernels.controls.outlook import spread_plan, write_beyond
 from antway.kernels.controls.path import path_of, same_path
@@ -406,6 +406,32 @@ def test_a_robot_with_inertia_gets_there_the_same_each_time(robot: RobotSpec) ->
     paths = [decision.path for _, decision in one.trace.decisions if decision.path is not None]
     assert paths
     assert all((np.diff(path.t) > 0.0).all() for path in paths)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.3, -0.2])
+def test_a_car_turns_in_a_rollout_as_much_as_it_can(speed: float) -> None:
+    """On the ramp from rest, too: where rollouts turned twice as much, cars beside a wall shuffled before they set out."""
+    limits = RobotSpec(drive="ackermann", a_max=1.0, turning_radius=0.8, v_reverse=0.3).limits
+    for v, omega in ((0.6, 1.9), (0.6, -1.9), (-0.3, 1.0), (0.0, 1.0)):
+        start = RobotState(0.0, 0.0, 0.0, speed, 0.0)
+        true, found = drive_cycle(start, v, omega, limits, 0.1), step(motion_state(start), v, omega, limits, 0.1)
+        assert math.atan2(found.sin, found.cos) == pytest.approx(true[2], abs=2e-3)
+        assert (found.x, found.y) == pytest.approx(true[:2], abs=1e-3)
+
+
+def test_patience_grows_until_a_robot_has_really_got_nearer() -> None:
+    """A slow robot before somebody who goes to and fro turned round whenever it had just begun to pass: that set all back."""
+    colony, now = _colony(WHEELS), 0.0
+
+    def caution(x: float) -> float:
+        weights = colony._weights_now(now, RobotState(x, 4.1, 0.0, 0.0, 0.0), 0.0, True)
+        return weights.risk / colony.problem.weights.risk
+
+    assert caution(1.1) == 1.0
+    now = 25.0
+    assert caution(1.1) == pytest.approx(0.5**1.5)
+    assert caution(1.6) == pytest.approx(0.5**1.4, abs=0.01), "half a second nearer, which makes up for one of the 25"
+    assert caution(8.9) == 1.0, "at the goal"
 
 
 def test_latency_is_driven_with() -> None:

@@ -211,24 +211,23 @@ def velocities_are_wrong(scans, span, enough, times, memory=0.995, least=0.03, m
 
 
 def stays(scans, place=1.0, least_memory=1.0, memory=15.0, stood=0.5, still=0.2):
-    """Return of each obstacle {name: (since, seen, places)}: the places of its stay, whose box is no longer than `place`.
+    """Return of each obstacle {name: (since, seen, places, then)}: the places of its stay, whose box is no longer than `place`.
 
-    `scans` are (t, {name: (x, y)}). An obstacle out of sight is remembered for as long as it had stayed, or
-    for `memory` s if it stood.
+    `scans` are (t, {name: (x, y, vx, vy)}). An obstacle out of sight is remembered for as long as it had stayed, or for `memory`
+    s if it stood; for `least_memory` if it leaves the box with its last velocity within a second, where it is `then`.
     """
-    known = {}
+    known, box = {}, lambda places: math.dist(np.min(places, axis=0), np.max(places, axis=0))
     for t, seen in scans:
-        for name, (since, last, places) in list(known.items()):
-            diagonal = math.dist(np.min(places, axis=0), np.max(places, axis=0))
-            least = memory if last - since >= stood and diagonal <= still else least_memory
-            if t - last > max(last - since, least):
+        for name, (since, last, places, then) in list(known.items()):
+            least = memory if last - since >= stood and box(places) <= still else least_memory
+            if t - last > (least_memory if box([*places, then]) > place else max(last - since, least)):
                 del known[name]
-        for name, xy in seen.items():
-            since, _, places = known.get(name, (t, t, []))
-            places = [*places, xy]
-            if math.dist(np.min(places, axis=0), np.max(places, axis=0)) > place:
-                since, places = t, [xy]
-            known[name] = since, t, places
+        for name, (x, y, vx, vy) in seen.items():
+            since, _, places, _ = known.get(name, (t, t, [], ()))
+            places = [*places, (x, y)]
+            if box(places) > place:
+                since, places = t, [(x, y)]
+            known[name] = since, t, places, (x + vx, y + vy)
     return known
 
 

@@ -65,8 +65,12 @@ def step(at: MotionState, one: float, two: float, limits: RobotLimits, dt: float
         late = 0.5 * change / most if change > 0.0 else 0.0
         return MotionState(x + (a + da * (1.0 - late)) * dt, y + (b + db * (1.0 - late)) * dt, c, s, a + da, b + db)
     a, mean = ramp(a, min(max(one, -limits.v_reverse), limits.v_max), limits.a_max * dt, limits.brake_max * dt)
-    most = min(limits.turn_rate, abs(a) / limits.turning_radius) if limits.turning_radius > 0.0 else limits.turn_rate
+    tightest = abs(mean) / limits.turning_radius if limits.turning_radius > 0.0 else math.inf
+    most = min(limits.turn_rate, tightest)
     b, spin = ramp(b, min(max(two, -most), most), limits.alpha_max * dt, limits.alpha_max * dt)
+    if limits.turning_radius > 0.0:  # in the mean, a car that sets out or brakes turns as its mean speed allows
+        spin, tightest = min(max(spin, -tightest), tightest), abs(a) / limits.turning_radius
+        b = min(max(b, -tightest), tightest)
     # Cosine and sine of half the turn from their Taylor series, which takes less time than the functions of the library.
     half = 0.5 * spin * dt
     q = half * half

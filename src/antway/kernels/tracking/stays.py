@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
-from antway.kernels.tracking.predict import NAME, RADIUS, X, Y
+from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
 from antway.kernels.tracking.table import SEEN, Table, row_for
 
-# Columns of a row after NAMED and SEEN: when the stay of the track began, its radius, and the box that holds its centre since.
-SINCE, SIZE, LOW_X, LOW_Y, HIGH_X, HIGH_Y = range(2, 8)
-COLUMNS = 8
+# Columns of a row after NAMED and SEEN: when the stay of the track began, its radius, the box that holds its centre since, and
+# whether it was leaving when it was last seen (1 or 0).
+SINCE, SIZE, LOW_X, LOW_Y, HIGH_X, HIGH_Y, LEAVING = range(2, 9)
+COLUMNS = 9
 PLACE = 1.0  # m; an obstacle stays as long as the diagonal of the box that holds its centre is no longer than this
-_LEAST_MEMORY = 1.0  # s; an obstacle that was not seen for longer than this and than its stay is forgotten
+_LEAST_MEMORY = 1.0  # s; an obstacle that was not seen for longer than this and than its stay is forgotten, ...
+_LEAVES = 1.0  # s; ... and after `_LEAST_MEMORY` if it was leaving: with its velocity it would not have stayed for this time.
 _MEMORY = 15.0  # s; an obstacle that stood is remembered for this long: a robot that goes round many sees only some at a time
 _STOOD = 0.5  # s; an obstacle whose stay is shorter did not stand
 _STILL = 0.2  # m; an obstacle whose box has a longer diagonal did not stand
@@ -53,7 +55,8 @@ def update_stays(table: Table, estimates: NDArray[np.float64], seen: NDArray[np.
     for i in range(table.used[0]):
         stay = rows[i, SEEN] - rows[i, SINCE]
         stood = stay >= _STOOD and _diagonal(rows[i]) <= _STILL
-        if t - rows[i, SEEN] <= max(stay, _MEMORY if stood else _LEAST_MEMORY):
+        memory = max(stay, _MEMORY if stood else _LEAST_MEMORY)
+        if t - rows[i, SEEN] <= (_LEAST_MEMORY if rows[i, LEAVING] else memory):
             if kept != i:
                 copy_row(rows[i], rows[kept])
             kept += 1
@@ -72,3 +75,6 @@ def update_stays(table: Table, estimates: NDArray[np.float64], seen: NDArray[np.
         row[LOW_Y], row[HIGH_Y] = min(row[LOW_Y], estimates[k, Y]), max(row[HIGH_Y], estimates[k, Y])
         if _diagonal(row) > PLACE:
             _start_stay(row, estimates[k], t)
+        x, y = estimates[k, X] + _LEAVES * estimates[k, VX], estimates[k, Y] + _LEAVES * estimates[k, VY]
+        width, height = max(row[HIGH_X], x) - min(row[LOW_X], x), max(row[HIGH_Y], y) - min(row[LOW_Y], y)
+        row[LEAVING] = 1.0 if math.hypot(width, height) > PLACE else 0.0

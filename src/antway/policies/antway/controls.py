@@ -37,6 +37,7 @@ _SPREADS = 2.0  # 1; beyond the margin to walls, room is kept for this many stan
 _STAND = 0.3  # 1; a robot stands unless moving is better by this share of what falling behind the plan costs in a period
 _DEEPER = 1e-3  # m; a robot whose place is in a wall gets no deeper in it than this
 _AT_REST = 0.2  # m/s; an obstacle that is slower is at rest, and turns are expected of those that move
+_REGAINED = 2.0  # 1; for each second that the robot gets nearer to its goal, so many of the seconds without it are forgotten.
 _STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
@@ -212,7 +213,8 @@ class ControlColony:
         field, weights = self.problem.field, self.problem.weights
         to_go, there = static_time(field, state), math.dist(self.task.goal, state[:2]) <= self.task.goal_tolerance
         if to_go < self.nearest - self.robot.dt or there:
-            self.nearest, self.since = to_go, now
+            self.since = now if there else min(now, self.since + _REGAINED * (self.nearest - to_go))
+            self.nearest = to_go
         caution = 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0)
         weights = weights._replace(risk=weights.risk * caution, turn_risk=turn_rate * weights.turn_risk, ramps=float(has_plan))
         depth = call(depth_in_wall, field, state)
