@@ -50,6 +50,7 @@ from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.tracker import NAMELESS, Tracker
 from antway.policies.guard import MODES, Guard
 from antway.world.motions import Replay
+from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
 from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
@@ -503,6 +504,23 @@ def test_variances_are_raised_as_if_measurements_had_been_so_wrong_from_the_star
     table.rows[0, kalman.P11] = 0.0
     kalman.raise_variances(*table[:2], np.zeros(2), np.array([0.05**2, 0.1**2]))
     assert table.rows[0, [kalman.P11, kalman.P22]] == pytest.approx([0.05**2, 0.1**2])
+
+
+@pytest.mark.parametrize("robot", ["holonomic", "diff", "jackal"])
+def test_a_robot_waits_calmly_for_somebody_who_sways(robot: str) -> None:
+    """Who stands in the only doorway sways by 3 cm. The doorway seemed to open now left, now right, and robots ran to and fro."""
+    blocked = np.zeros((40, 60), bool)
+    blocked[:17, 29:31] = blocked[23:, 29:31] = True
+    t = np.arange(0.0, 22.0, 0.1)
+    sway = np.array([[0.03 * math.sin(rate * s + phase) for rate, phase in ((1.1, 0.3), (0.7, 1.0))] for s in t])
+    stands = Replay((*t.tolist(), 27.4), (*map(tuple, ((6.0, 4.0) + sway).tolist()), (11.4, 4.0)))
+    world = World(Grid(blocked, 0.2), (Obstacle(0.3, stands),))
+    scenario = Scenario(world, (2.0, 4.0), (10.0, 4.0), robot=load_robot(robot), obstacle_speed=1.5)
+    result = run(scenario, "antway", seed=1)
+    check_episode(result)
+    assert result.reached and result.trace is not None
+    waits = (result.trace.t > 8.0) & (result.trace.t < 19.0)
+    assert np.hypot(*np.diff(result.trace.xy[waits], axis=0).T).sum() < 0.7, "m in 11 s"
 
 
 def test_velocities_that_lead_to_exact_places_are_exact() -> None:

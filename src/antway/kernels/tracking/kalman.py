@@ -26,6 +26,7 @@ COLUMNS = 12  # of the track table
 UNKNOWN = 1.0  # m/s; standard deviation of the velocity of a track that was seen once without a measured velocity
 FAR = 0.3  # m; a track farther than this from its predicted place may be another one
 _SHRINK = 0.1  # 1; a radius grows at once, and shrinks by this share of the difference with each scan
+_SWAYS = 0.08  # m/s; whoever is slower stands, and sways: with his last velocity he would be elsewhere in a few seconds.
 _AHEAD = 1.5  # 1; a bounce is looked for on the motion until now times this: places are wrong.
 _TURNED = 4.0  # standard deviations; a track farther than this from its predicted place has turned
 
@@ -61,7 +62,7 @@ def update(
     agility : float
         Standard deviation of the obstacles' acceleration, m/s^2.
     estimates : float64[N, 8]
-        Filled with the tracks that were seen within the last second, predicted to time `t`.
+        Filled with the tracks that were seen within the last second, predicted to time `t`. Who only sways has no velocity.
     """
     table, measured, fastest = Table(rows, used, NAME), True, 0.0
     for k in range(len(name)):
@@ -111,10 +112,12 @@ def update(
         row, estimate = table.rows[i], estimates[i]
         age = t - row[T]
         estimate[X], estimate[Y] = row[X] + row[VX] * age, row[Y] + row[VY] * age
-        estimate[VX], estimate[VY], estimate[RADIUS], estimate[NAME] = row[VX], row[VY], row[RADIUS], row[NAME]
+        speed = math.hypot(row[VX], row[VY])
+        estimate[VX], estimate[VY] = (row[VX], row[VY]) if speed >= _SWAYS else (0.0, 0.0)
+        estimate[RADIUS], estimate[NAME] = row[RADIUS], row[NAME]
         estimate[SIGMA] = math.sqrt(max(row[P11] + 2 * age * row[P12] + age * age * row[P22], 0.0))
         estimate[SIGMA_V] = math.sqrt(max(row[P22], 0.0))
-        fastest = max(fastest, math.hypot(row[VX], row[VY]))
+        fastest = max(fastest, speed)
     return known_tracks, fastest, measured
 
 
