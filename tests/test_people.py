@@ -470,8 +470,8 @@ def test_noise_is_known_from_the_sixth_innovation_on(tracks: int) -> None:
 def test_who_was_taken_to_be_seen_exactly_is_not_once_noise_shows(stated: float | None) -> None:
     """Estimates from the first scans, whose places are wrong, come near to the true places within a second.
 
-    With the variance 0 of an exact place, no later place had any weight, and robots touched people whom they saw from the start.
-    The same goes for a sensor that states no such errors, or far too small ones.
+    With the variance 0 of an exact place, no later place had any weight, and robots touched people whom they had seen from the
+    start. The same goes for a sensor that states no such errors, or far too small ones.
     """
     covariance = None if stated is None else np.tile(np.diag([stated**2, stated**2, 0.0, 0.0]), (3, 1, 1))
     rng, errors = np.random.default_rng(2), []
@@ -508,12 +508,12 @@ def test_variances_are_raised_as_if_measurements_had_been_so_wrong_from_the_star
 
 @pytest.mark.parametrize("robot", ["holonomic", "diff", "jackal"])
 def test_a_robot_waits_calmly_for_somebody_who_sways(robot: str) -> None:
-    """Who stands in the only doorway sways by 3 cm. The doorway seemed to open now left, now right, and robots ran to and fro."""
+    """Who stands in the only doorway sways by 3 cm. It seemed to open now left, now right, and robots ran to and fro."""
     blocked = np.zeros((40, 60), bool)
     blocked[:17, 29:31] = blocked[23:, 29:31] = True
     t = np.arange(0.0, 22.0, 0.1)
-    sway = np.array([[0.03 * math.sin(rate * s + phase) for rate, phase in ((1.1, 0.3), (0.7, 1.0))] for s in t])
-    stands = Replay((*t.tolist(), 27.4), (*map(tuple, ((6.0, 4.0) + sway).tolist()), (11.4, 4.0)))
+    sways = [(6.0 + 0.03 * math.sin(1.1 * s + 0.3), 4.0 + 0.03 * math.sin(0.7 * s + 1.0)) for s in t.tolist()]
+    stands = Replay((*t.tolist(), 27.4), (*sways, (11.4, 4.0)))
     world = World(Grid(blocked, 0.2), (Obstacle(0.3, stands),))
     scenario = Scenario(world, (2.0, 4.0), (10.0, 4.0), robot=load_robot(robot), obstacle_speed=1.5)
     result = run(scenario, "antway", seed=1)

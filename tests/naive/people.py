@@ -213,8 +213,8 @@ def velocities_are_wrong(scans, span, enough, times, memory=0.995, least=0.03, m
 def stays(scans, place=1.0, least_memory=1.0, memory=15.0, stood=0.5, still=0.2):
     """Return of each obstacle {name: (since, seen, places, then)}: the places of its stay, whose box is no longer than `place`.
 
-    `scans` are (t, {name: (x, y, vx, vy)}). An obstacle out of sight is remembered for as long as it had stayed, or for `memory`
-    s if it stood; for `least_memory` if it leaves the box with its last velocity within a second, where it is `then`.
+    `scans` are (t, {name: (x, y, vx, vy)}). An obstacle out of sight is remembered for as long as it had stayed, or for
+    `memory` s if it stood; for `least_memory` if it leaves the box with its last velocity within a second, where it is `then`.
     """
     known, box = {}, lambda places: math.dist(np.min(places, axis=0), np.max(places, axis=0))
     for t, seen in scans:

@@ -26,7 +26,7 @@ TURN = 0.02  # s; a turn of the loop that sends odometry takes less if the machi
 
 
 class Base(Robot):
-    """Drives as the newest command says, on wheels or in any direction, and notes when each came, and how late the machine made it."""
+    """Drives as the newest command says, on wheels or in any direction, and notes when each came, and how late."""
 
     def __init__(self) -> None:
         super().__init__(pictures=False)
@@ -91,13 +91,18 @@ def main(stops: int, period: float, command: list[str]) -> None:
     rclpy.init()
     node, rng = subprocess.Popen(command), np.random.default_rng(5)
     robot, took, rest, paused, guards = Base(), [], [], [], []
+
+    def fast() -> bool:
+        return bool(robot.commands) and robot.commands[-1][1] > 0.3
+
+    def slow() -> bool:
+        return not fast()
+
     try:
         robot.meets()
         robot.charts(Grid(np.zeros((40, 40), bool), 0.5))
         for k in range(stops + 1):
             goal = max(ENDS, key=lambda place: math.dist(place, robot.xy))
-            fast = lambda: bool(robot.commands) and robot.commands[-1][1] > 0.3  # noqa: E731
-            slow = lambda: not fast()  # noqa: E731
             moment = float(rng.uniform(0.0, 2 * period))
             while not (robot.drive(fast, 5.0) and math.dist(goal, robot.xy) > 6.0 and not robot.drive(slow, moment)):
                 goal = max(ENDS, key=lambda place: math.dist(place, robot.xy))

@@ -122,7 +122,9 @@ def update(
 
 
 @kernel
-def raise_variances(rows: NDArray[np.float64], used: NDArray[np.int64], before: NDArray[np.float64], now: NDArray[np.float64]) -> None:
+def raise_variances(
+    rows: NDArray[np.float64], used: NDArray[np.int64], before: NDArray[np.float64], now: NDArray[np.float64]
+) -> None:
     """Raise the variances of all estimates after measurements have turned out to be worse than they were taken for.
 
     An estimate from measurements that counted as exact would stay as it is: no later measurement would have any weight.

@@ -63,8 +63,8 @@ def measured_noise(
     The innovation is the difference of two measured places less the motion between them. With noise of variance R along each
     axis, its squared length has the mean 4 R and the median 4 R ln 2. Where velocities are not measured, but taken from the two
     places before, its mean is 2 R (1 + (1 + r)^2 + r^2), where r is the ratio of the two times between; it is scaled to 4 R.
-    The median is tracked by small steps up and down, so that an occasional turn or jump has little effect. It would take a second
-    to come up from 0, so of 6 to 16 innovations it is the median itself, if places are wrong by more than 1 cm.
+    The median is tracked by small steps up and down, so that an occasional turn or jump has little effect. It would take a
+    second to come up from 0, so of 6 to 16 innovations it is the median itself, if places are wrong by more than 1 cm.
 
     The change of a velocity with noise of variance R has the same median. But people change theirs as well: velocities that are
     wrong lead to wrong places, so their variance is at most that of the innovations' mean velocity, 4 R / dt^2 of places.
