@@ -506,6 +506,21 @@ def test_variances_are_raised_as_if_measurements_had_been_so_wrong_from_the_star
     assert table.rows[0, [kalman.P11, kalman.P22]] == pytest.approx([0.05**2, 0.1**2])
 
 
+def test_what_wrong_velocities_taught_of_places_is_forgotten() -> None:
+    """Places are exact, but all velocities are reported as 0, so that places seem to be wrong. A second later all are known."""
+    rng, terrain = np.random.default_rng(6), terrain_of(Grid(np.zeros((40, 40), bool), 0.5))
+    for _ in range(20):
+        tracker, true, velocity = Tracker(), rng.uniform(5.0, 15.0, (3, 2)), rng.uniform(0.3, 0.8, (3, 2))
+        for i in range(14):
+            tracks = Tracks(np.arange(3), true + 0.1 * i * velocity, np.zeros((3, 2)), np.full(3, 0.3))
+            seen = tracker.corrected(Observation(0.1 * i, (1.0, 1.0), (0.0, 0.0), 0.0, tracks))
+            tracker.update(seen.tracks, 0.1 * i, terrain)
+        assert tracker.doubts_velocities
+        assert tracker.estimates[:, VX : VY + 1] == pytest.approx(velocity, abs=0.02)
+        assert tracker.estimates[:, X : Y + 1] == pytest.approx(true + 1.3 * velocity, abs=0.01)
+        assert tracker.estimates[:, SIGMA].max() < 0.01
+
+
 @pytest.mark.parametrize("robot", ["holonomic", "diff", "jackal"])
 def test_a_robot_waits_calmly_for_somebody_who_sways(robot: str) -> None:
     """Who stands in the only doorway sways by 3 cm. It seemed to open now left, now right, and robots ran to and fro."""

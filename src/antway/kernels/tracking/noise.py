@@ -25,7 +25,7 @@ PLACE, VELOCITY, RUN, _, BETWEEN, COUNT, FIRST = range(7)
 _FIRST_ONES = 16  # number of the first innovations and of the first changes that are kept
 STATE = FIRST + 2 * _FIRST_ONES
 MEDIAN = 4.0 * math.log(2.0)  # 1; the median of the squared innovations by the variance of measured places
-_LEAST = 1e-8  # m^2; a smaller variance counts as none
+LEAST = 1e-8  # m^2; a smaller variance counts as none
 EXACT = 1e-4  # m^2; while the variance of places is smaller, velocities count as exact: what changes is how people sway.
 _STEP = 0.1  # 1; each innovation changes the logarithm of the median by this, ...
 _ENOUGH = 8  # ... and by two, three times this and so on from the tenth of a run of large ones on.
@@ -101,7 +101,7 @@ def measured_noise(
         row[NAMED], row[SEEN], row[_X], row[_Y], row[_VX], row[_VY], row[_DT] = name[k], t, xy[k, 0], xy[k, 1], vx, vy, dt
     variance = state[PLACE] / MEDIAN
     if variance <= EXACT or state[BETWEEN] == 0.0:
-        return (variance if variance > _LEAST else 0.0), 0.0
+        return (variance if variance > LEAST else 0.0), 0.0
     return variance, min(state[VELOCITY] / MEDIAN, 4.0 * variance / state[BETWEEN] ** 2)
 
 
@@ -123,4 +123,4 @@ def _step(state: NDArray[np.float64], entry: int, value: float, large: float, st
     """Let a median in `state` take a step, of its logarithm, towards a value; a longer one after a run of `large` values."""
     above, run = value > state[entry], entry + RUN
     state[run] = state[run] + 1.0 if above and value > large else 0.0
-    state[entry] = max(state[entry] * math.exp(step * max(state[run] - _ENOUGH, 1.0) if above else -step), _LEAST)
+    state[entry] = max(state[entry] * math.exp(step * max(state[run] - _ENOUGH, 1.0) if above else -step), LEAST)

@@ -58,7 +58,6 @@ class Tracker:
         # The measurements last compared and their errors, for each span of kernels/tracking/reported.py.
         self._compared = [(make_table(MOST_ROWS, reported.COLUMNS), np.zeros(3), span) for span in reported.SPANS]
         self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
-        self._largest = np.zeros(2)  # the largest variances that innovations have shown, if places were not nearly exact
         self._seen = make_table(ROWS, changes.COLUMNS)  # see kernels/tracking/changes.py
         self._has_velocities = True  # whether the sensor measured those of all tracks in the last scan
         self.doubts_velocities = False
@@ -79,13 +78,19 @@ class Tracker:
             if any(wrong) != self.doubts_velocities:
                 self.doubts_velocities = any(wrong)
                 self._forget()
+                if wrong[0]:  # found from scan to scan, which shows only where places are exact
+                    self._noise[noise.PLACE] = noise.LEAST
+                rows = rows_in_use(self.table)  # places are known again after a scan, and velocities after two
+                rows[:, [VX, VY, kalman.P12]], rows[:, [kalman.P11, kalman.P22]] = 0.0, kalman.UNKNOWN**2
             if self.doubts_velocities:
                 tracks = replace(tracks, velocity=np.full(tracks.velocity.shape, math.nan))
         return seen if tracks is seen.tracks else replace(seen, tracks=tracks)
 
     def _forget(self) -> None:
-        """Forget what was learnt from velocities."""
-        self.averages.used[0], self._seen.used[0], self.fastest = 0, 0, 0.0
+        """Forget what was learnt from velocities, such as that places are wrong to which they do not lead."""
+        self.averages.used[0], self._seen.used[0], self._measured.used[0], self.fastest = 0, 0, 0, 0.0
+        self._noise[:] = 0.0
+        self._largest = np.zeros(2)  # the largest variances that innovations have shown, if places were not nearly exact
         self.pool, self._turns = np.zeros(averages.POOL), np.array([changes.FIRST_SECONDS, 0.0, 0.0])
 
     def update(self, tracks: Tracks, t: float, terrain: Terrain) -> None:
