@@ -20,8 +20,9 @@ _X, _Y, _VX, _VY, _DT = range(2, 7)
 COLUMNS = 7
 # Entries of `state`: the medians of the squared innovations, m^2, and of the squared changes of velocity, m^2/s^2; from RUN on,
 # how many of either were large and above the median one after another; the time between the scans compared last, s; the number
-# of innovations; and from FIRST on, the first squared innovations and the first squared changes.
-PLACE, VELOCITY, RUN, _, BETWEEN, COUNT, FIRST = range(7)
+# of innovations, and how many of the first ones show errors of places; and from FIRST on, the first squared innovations and the
+# first squared changes.
+PLACE, VELOCITY, RUN, _, BETWEEN, COUNT, SHOW, FIRST = range(8)
 _FIRST_ONES = 16  # number of the first innovations and of the first changes that are kept
 STATE = FIRST + 2 * _FIRST_ONES
 MEDIAN = 4.0 * math.log(2.0)  # 1; the median of the squared innovations by the variance of measured places
@@ -31,7 +32,7 @@ _STEP = 0.1  # 1; each innovation changes the logarithm of the median by this, .
 _ENOUGH = 8  # ... and by two, three times this and so on from the tenth of a run of large ones on.
 _FIRST_STEPS = 2.0  # 1; the n-th innovation without measured velocities changes it by this / n, if that is more than `_STEP`.
 _UNSEEN = MEDIAN * 0.05**2  # m^2; the median at first, if velocities are not measured: less would give wrong ones
-_FEW = 6  # 1; from so many innovations on, while all are kept, their median counts, if it shows more than `EXACT`.
+_FEW = 6  # 1; from so many innovations on, while all are kept, their median counts, if most show more than `EXACT`.
 _FAR = 0.5  # s; an older measurement is not compared
 
 
@@ -64,7 +65,8 @@ def measured_noise(
     axis, its squared length has the mean 4 R and the median 4 R ln 2. Where velocities are not measured, but taken from the two
     places before, its mean is 2 R (1 + (1 + r)^2 + r^2), where r is the ratio of the two times between; it is scaled to 4 R.
     The median is tracked by small steps up and down, so that an occasional turn or jump has little effect. It would take a
-    second to come up from 0, so of 6 to 16 innovations it is the median itself, if places are wrong by more than 1 cm.
+    second to come up from 0, so of 6 to 16 innovations it is the median itself, if most of them show places that are wrong by
+    more than 1 cm. An innovation of half the change of velocity, times the time between, shows only that this change came then.
 
     The change of a velocity with noise of variance R has the same median. But people change theirs as well: velocities that are
     wrong lead to wrong places, so their variance is at most that of the innovations' mean velocity, 4 R / dt^2 of places.
@@ -97,7 +99,7 @@ def measured_noise(
                 if measured:
                     _step(state, VELOCITY, change, 0.0, _STEP)
                     state[BETWEEN] = dt
-                    _count_first(state, squared, change)
+                    _count_first(state, squared, change, dt)
         row[NAMED], row[SEEN], row[_X], row[_Y], row[_VX], row[_VY], row[_DT] = name[k], t, xy[k, 0], xy[k, 1], vx, vy, dt
     variance = state[PLACE] / MEDIAN
     if variance <= EXACT or state[BETWEEN] == 0.0:
@@ -106,16 +108,17 @@ def measured_noise(
 
 
 @kernel
-def _count_first(state: NDArray[np.float64], squared: float, change: float) -> None:
-    """Take in one of the first innovations and the change of velocity that is with it."""
+def _count_first(state: NDArray[np.float64], squared: float, change: float, dt: float) -> None:
+    """Take in one of the first innovations and the change of velocity over the same `dt` s, both squared."""
     count, changes = int(state[COUNT]), FIRST + _FIRST_ONES
     if count > _FIRST_ONES:
         return
     state[FIRST + count - 1], state[changes + count - 1] = squared, change
-    if count >= _FEW:
-        median = float(np.median(state[FIRST : FIRST + count]))
-        if median > MEDIAN * EXACT:
-            state[PLACE], state[VELOCITY] = median, float(np.median(state[changes : changes + count]))
+    if math.sqrt(squared) - 0.5 * math.sqrt(change) * dt > math.sqrt(MEDIAN * EXACT):
+        state[SHOW] += 1.0
+    if count >= _FEW and 2.0 * state[SHOW] > count:
+        state[PLACE] = float(np.median(state[FIRST : FIRST + count]))
+        state[VELOCITY] = float(np.median(state[changes : changes + count]))
 
 
 @bare_kernel
