@@ -69,8 +69,8 @@ def step(at: MotionState, one: float, two: float, limits: RobotLimits, dt: float
     most = min(limits.turn_rate, tightest)
     b, spin = ramp(b, min(max(two, -most), most), limits.alpha_max * dt, limits.alpha_max * dt)
     if limits.turning_radius > 0.0:  # in the mean, a car that sets out or brakes turns as its mean speed allows
-        spin, tightest = min(max(spin, -tightest), tightest), abs(a) / limits.turning_radius
-        b = min(max(b, -tightest), tightest)
+        last = abs(a) / limits.turning_radius
+        spin, b = min(max(spin, -tightest), tightest), min(max(b, -last), last)
     # Cosine and sine of half the turn from their Taylor series, which takes less time than the functions of the library.
     half = 0.5 * spin * dt
     q = half * half

@@ -17,8 +17,8 @@ from antway.kernels.tracking.table import SEEN, Table, row_for
 SINCE, SIZE, LOW_X, LOW_Y, HIGH_X, HIGH_Y, LEAVING = range(2, 9)
 COLUMNS = 9
 PLACE = 1.0  # m; an obstacle stays as long as the diagonal of the box that holds its centre is no longer than this
-_LEAST_MEMORY = 1.0  # s; an obstacle that was not seen for longer than this and than its stay is forgotten, ...
-_LEAVES = 1.0  # s; ... and after `_LEAST_MEMORY` if it was leaving: with its velocity it would not have stayed for this time.
+_LEAST_MEMORY = 1.0  # s; an obstacle that was not seen for longer than this and than its stay is forgotten
+_LEAVES = 1.0  # s; an obstacle whose velocity would have led it out of its place within this time was leaving, and is soon forgotten
 _MEMORY = 15.0  # s; an obstacle that stood is remembered for this long: a robot that goes round many sees only some at a time
 _STOOD = 0.5  # s; an obstacle whose stay is shorter did not stand
 _STILL = 0.2  # m; an obstacle whose box has a longer diagonal did not stand
@@ -55,8 +55,8 @@ def update_stays(table: Table, estimates: NDArray[np.float64], seen: NDArray[np.
     for i in range(table.used[0]):
         stay = rows[i, SEEN] - rows[i, SINCE]
         stood = stay >= _STOOD and _diagonal(rows[i]) <= _STILL
-        memory = max(stay, _MEMORY if stood else _LEAST_MEMORY)
-        if t - rows[i, SEEN] <= (_LEAST_MEMORY if rows[i, LEAVING] else memory):
+        memory = _LEAST_MEMORY if rows[i, LEAVING] else max(stay, _MEMORY if stood else _LEAST_MEMORY)
+        if t - rows[i, SEEN] <= memory:
             if kept != i:
                 copy_row(rows[i], rows[kept])
             kept += 1

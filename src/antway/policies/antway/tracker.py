@@ -80,14 +80,14 @@ class Tracker:
                 self._forget()
                 if wrong[0]:  # found from scan to scan, which shows only where places are exact
                     self._noise[noise.PLACE] = noise.LEAST
-                rows = rows_in_use(self.table)  # places are known again after a scan, and velocities after two
-                rows[:, [VX, VY, kalman.P12]], rows[:, [kalman.P11, kalman.P22]] = 0.0, kalman.UNKNOWN**2
             if self.doubts_velocities:
                 tracks = replace(tracks, velocity=np.full(tracks.velocity.shape, math.nan))
         return seen if tracks is seen.tracks else replace(seen, tracks=tracks)
 
     def _forget(self) -> None:
         """Forget what was learnt from velocities, such as that places are wrong to which they do not lead."""
+        rows = rows_in_use(self.table)  # places are known again after a scan, and velocities after two
+        rows[:, [VX, VY, kalman.P12]], rows[:, [kalman.P11, kalman.P22]] = 0.0, kalman.UNKNOWN**2
         self.averages.used[0], self._seen.used[0], self._measured.used[0], self.fastest = 0, 0, 0, 0.0
         self._noise[:] = 0.0
         self._largest = np.zeros(2)  # the largest variances that innovations have shown, if places were not nearly exact
