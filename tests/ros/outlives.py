@@ -104,7 +104,8 @@ def main(stops: int, period: float, command: list[str]) -> None:
         for k in range(stops + 1):
             goal = max(ENDS, key=lambda place: math.dist(place, robot.xy))
             moment = float(rng.uniform(0.0, 2 * period))
-            while not (robot.drive(fast, 5.0) and math.dist(goal, robot.xy) > 6.0 and not robot.drive(slow, moment)):
+            # The turn in which the moment comes may bring the guard's command to brake: the machine may let odometry wait.
+            while not (robot.drive(fast, 5.0) and math.dist(goal, robot.xy) > 6.0 and not robot.drive(slow, moment) and fast()):
                 goal = max(ENDS, key=lambda place: math.dist(place, robot.xy))
                 robot.go(goal)
                 robot.commands.clear()
