@@ -176,6 +176,28 @@ def marker(kind: int, name: int = 1, wide: tuple[float, float] = (0.6, 0.8)) -> 
     )
 
 
+def test_discs_of_several_namespaces_may_have_the_same_id() -> None:
+    """Cars and people, each numbered from 0: they have no name. A velocity that may be of two discs is refused."""
+    header, message = convert.header_message(1.0, "map"), convert.plain("", markers=[])
+
+    def add(kind: int, space: str, name: int, x: float) -> None:
+        ends = [(x, 0.0), (x + 0.1 * x, 0.0)] if kind == convert.ARROW else []
+        about = {"points": ends} if ends else {"xy": (x, 0.0)}
+        message.markers.append(convert.marker_message(name, kind, header, convert.plain, space=space, size=(0.6,) * 3, **about))
+
+    for space, x in (("cars", 1.0), ("people", 2.0)):
+        add(convert.CYLINDER, space, 0, x)
+        add(convert.ARROW, space, 0, x)
+    add(convert.CYLINDER, "people", 1, 3.0)
+    add(convert.ARROW, "velocities", 1, 3.0)
+    _, tracks = convert.read_markers(message)
+    assert tracks.id.tolist() == [-1, -1, 1] and tracks.xy[:, 0].tolist() == [1.0, 2.0, 3.0]
+    np.testing.assert_allclose(tracks.velocity[:, 0], [0.1, 0.2, 0.3])
+    add(convert.ARROW, "velocities", 0, 1.0)
+    with pytest.raises(BadParameter, match=r"markers: id = 0: must be an arrow in the namespace of its disc"):
+        convert.read_markers(message)
+
+
 def test_solid_markers_are_obstacles_or_refused() -> None:
     """A cube is the disc around it. Meshes and lists of solids used to be left out, so that the robot drove into them."""
     for kind, radius in ((convert.SPHERE, 0.4), (convert.CYLINDER, 0.4), (convert.CUBE, 0.5)):

@@ -7,6 +7,7 @@ maps are those of Nav2's map_server: row 0 has the lowest y, 0 is free, 100 bloc
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
@@ -328,28 +329,29 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
     """Return (t in s, tracks) of a visualization_msgs/msg/MarkerArray.
 
     Each added sphere or cylinder is a disc whose diameter is the larger of scale.x and scale.y, named by its id; a cube is the
-    disc around it. An added arrow with the same id from points[0] to points[1] is its velocity (m in 1 s); without one the
-    velocity is unknown. Lines, texts, other arrows and other actions are ignored. The time is the latest stamp, so that even an
-    empty scene needs a marker: delete-all.
+    disc around it. Discs of several namespaces that have the same id have no name. An added arrow with the id of a disc from
+    points[0] to points[1] is its velocity (m in 1 s): that of its namespace, or one whose namespace has no such disc. Without
+    an arrow the velocity is unknown. Lines, texts, other arrows and other actions are ignored. The time is the latest stamp, so
+    that even an empty scene needs a marker: delete-all.
 
     Raises
     ------
     BadParameter
-        If there is no marker, two discs have the same id, numbers are out of range, or a marker is of another type, such as a
-        mesh or a list of spheres.
+        If there is no marker, two discs of a namespace have the same id, an arrow may be of two discs, numbers are out of
+        range, or a marker is of another type, such as a mesh or a list of spheres.
     """
     if len(message.markers) == 0:
         raise BadParameter("MarkerArray.markers", [], "at least a delete-all marker, which carries the time")
-    discs: dict[int, tuple[float, float, float]] = {}
-    arrows: dict[int, XY] = {}
+    discs: dict[tuple[str, int], tuple[float, float, float]] = {}
+    arrows: dict[tuple[str, int], XY] = {}
     for i, marker in enumerate(message.markers):
         where = f"MarkerArray.markers[{i}]"
         if marker.action != ADD:
             continue
-        name = checks.integer("id", marker.id, low=0, where=where)
+        name = marker.ns, checks.integer("id", marker.id, low=0, where=where)
         if marker.type in (CUBE, SPHERE, CYLINDER):
             if name in discs:
-                raise BadParameter("id", name, "the id of only one disc", where=where)
+                raise BadParameter("id", marker.id, "the id of only one disc of its namespace", where=where)
             place = marker.pose.position
             scales = ((f"scale.{n}", getattr(marker.scale, n)) for n in "xy")
             wide = [checks.number(field, value, low=0.0, high=MAX_PLACE, where=where) for field, value in scales]
@@ -366,10 +368,15 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
             arrows[name] = (vx, vy)
         elif marker.type not in (ARROW, LINE_STRIP, LINE_LIST, TEXT):
             raise BadParameter("type", marker.type, "a sphere, cylinder or cube, or an arrow, line or text", where=where)
-    rows = np.array(list(discs.values()), np.float64).reshape(-1, 3)
-    velocity = np.array([arrows.get(name, (math.nan, math.nan)) for name in discs], np.float64).reshape(-1, 2)
+    rows, ids = np.array(list(discs.values()), np.float64).reshape(-1, 3), [number for _, number in discs]
+    others = {number: arrow for (space, number), arrow in arrows.items() if (space, number) not in discs}
+    for number, discs_with_it in Counter(ids).items():
+        if discs_with_it > 1 and number in others:
+            raise BadParameter("id", number, "an arrow in the namespace of its disc", where="MarkerArray.markers")
+    arrow = [arrows.get(name, others.get(name[1], (math.nan, math.nan))) for name in discs]
+    velocity = np.array(arrow, np.float64).reshape(-1, 2)
     t = max(seconds(marker.header.stamp) for marker in message.markers)
-    return t, Tracks(np.array(list(discs), np.int64), rows[:, :2].copy(), velocity, rows[:, 2].copy())
+    return t, Tracks(np.array(ids, np.int64), rows[:, :2].copy(), velocity, rows[:, 2].copy()).distinct()
 
 
 def placed_headers(message: Any) -> list[Any]:
