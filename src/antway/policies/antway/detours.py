@@ -25,6 +25,11 @@ _INTERVAL = 0.25  # s; scans are looked at as often as that
 _ROWS = 128  # limit of obstacles whose stays are known
 _STALLED = 3.0  # s; a robot that comes no nearer to its goal for this time looks for detours around what has stayed as long
 _PROGRESS = 0.3  # s; a robot whose time to the goal has fallen by less than this has come no nearer
+_LATE = 1.0  # s; a plan that arrives later by this than the times to the goal say may lead around somebody who stands
+_DIFFERS = 1.0  # s; if it has done so for this time, the times are to count with those who stand
+_AGAIN = 10.0  # s; if a stay ends and the plan is not faster than these times, they are not computed anew before this
+_STANDS = 1.0  # s; whoever has stood for this time is expected to stand for as long as plans expect it
+_STILL = 0.2  # m; an obstacle whose box has a longer diagonal does not stand
 _ARRIVED = 0.5  # s; nearer to the goal than this, the robot has no use for detours
 
 
@@ -36,6 +41,9 @@ class Detours:
     longer it has stayed, the longer it is likely to, so it is expected to stay as long again as it has stayed already. A robot
     then waits before a doorway at most about as long as the detour takes in addition, as in the ski rental problem.
 
+    Plans expect whoever stands to stand until their horizon. Where rollouts drive the robot, its times to the goal have to
+    agree with the plan. Otherwise it drives into a U of people who stand, out of which the plan leads, and hesitates there.
+
     Parameters
     ----------
     moves : Moves
@@ -46,6 +54,8 @@ class Detours:
     narrow : sequence of PlanningContext or None
         Both for a disc as narrow as the robot, which passes obstacles lengthwise; None if they are the same. Where the robot is
         held up and they lead past what stays, they are tried first; after that `contexts` and `narrow` are tried alternately.
+    horizon : float
+        Least time in s for which those who stand are expected to stand: the horizon of plans, or 0 if the robot follows plans.
 
     Attributes
     ----------
@@ -59,10 +69,12 @@ class Detours:
         The time to the goal at the last scan, s.
     """
 
-    def __init__(self, moves: Moves, contexts: Contexts, narrow: Contexts | None = None) -> None:
-        self.moves, self.contexts, self.wide, self.narrow = moves, contexts, contexts, narrow or contexts
+    def __init__(self, moves: Moves, contexts: Contexts, narrow: Contexts | None = None, horizon: float = 0.0) -> None:
+        self.moves, self.horizon = moves, horizon
+        self.contexts, self.wide, self.narrow = contexts, contexts, narrow or contexts
         self.times = [context.field for context in contexts]
         self.stays = make_table(_ROWS, stays.COLUMNS)
+        self._agreed = self._counted_at = 0.0  # s; when the plan and the times last agreed, and when these were last computed
         self._expected: set[tuple[float, float]] = set()  # the stays that `times` count with
         self.due, self.to_go, self._xy = -math.inf, math.inf, (0.0, 0.0)
         self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
@@ -71,19 +83,33 @@ class Detours:
         self._known: dict[tuple[float, tuple[int, int], bytes], NDArray[np.float64]] = {}
 
     def update(
-        self, estimates: NDArray[np.float64], seen: NDArray[np.float64], t: float, xy: XY, busy: bool = False
+        self,
+        estimates: NDArray[np.float64],
+        seen: NDArray[np.float64],
+        t: float,
+        xy: XY,
+        arrival: float = math.inf,
+        busy: bool = False,
     ) -> Callable[[], Times] | None:
         """Take in the scan at time `t` s, when the robot is at `xy`; return what computes other times, if they are to change.
 
         The estimates, float64[K, 8], are those of kernels/tracking/kalman.py; each was last `seen`, float64[K], at a time in s.
-        If `busy`, others are being computed already.
+        The plan in use reaches the goal at the time `arrival`, s (infinite without a plan). If `busy`, other times are being
+        computed already.
         """
         self.due, self._xy = t + _INTERVAL - 1e-6, xy
         call(update_stays, self.stays, estimates, seen, t)
         to_go = self.to_go = _time_to_go(self.contexts, self.times, xy)
         if busy:
             return None
-        if self._expected and not self._expected <= _stays(rows_in_use(self.stays)):
+        rows = rows_in_use(self.stays)
+        # In a crowd stays end all the time.
+        due = self.horizon == 0.0 or arrival < t + to_go - _PROGRESS or t >= self._counted_at + _AGAIN
+        if due and self._expected and not self._expected <= _stays(rows):
+            return self._expect(t, self.contexts)
+        if not t + to_go + _LATE < arrival < math.inf or to_go < _ARRIVED:
+            self._agreed = t
+        if t - self._agreed >= _DIFFERS - 1e-6 and not _stays(rows[self._stands(rows)]) <= self._expected:
             return self._expect(t, self.contexts)
         if to_go < self._nearest - _PROGRESS or to_go < _ARRIVED:
             self._nearest, self._since = to_go, t
@@ -112,14 +138,20 @@ class Detours:
 
     def _expect(self, t: float, contexts: Contexts) -> Callable[[], Times] | None:
         """Return what computes times in these contexts with all that have stayed for long; None if nothing changes."""
-        self._since = t
+        self._since = self._agreed = t
         rows = rows_in_use(self.stays)
-        stay = rows[:, SEEN] - rows[:, stays.SINCE]
-        long = stay >= _STALLED - 1e-6
+        stay, stands = rows[:, SEEN] - rows[:, stays.SINCE], self._stands(rows)
+        long = stands | (stay >= _STALLED - 1e-6)
+        stay = np.where(stands, np.maximum(stay, self.horizon), stay)
         if not (long.any() or self.expects):
             return None
-        self._expected = _stays(rows[long])
+        self._expected, self._counted_at = _stays(rows[long]), t
         return partial(self._counted, contexts if self._expected else self.wide, rows[long], stay[long], self._xy)
+
+    def _stands(self, rows: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell who of these is expected to stand until the horizon of plans, bool[N]."""
+        box = np.hypot(rows[:, stays.HIGH_X] - rows[:, stays.LOW_X], rows[:, stays.HIGH_Y] - rows[:, stays.LOW_Y])
+        return (self.horizon > 0.0) & (box <= _STILL) & (rows[:, SEEN] - rows[:, stays.SINCE] >= _STANDS - 1e-6)
 
     def _counted(self, contexts: Contexts, rows: NDArray[np.float64], stay: NDArray[np.float64], xy: XY) -> Times:
         """Return the times where these obstacles are expected to stay for `stay` s: in `contexts` if they are shorter there."""

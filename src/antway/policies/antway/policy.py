@@ -204,7 +204,9 @@ class AntwayPolicy:
             response=response,
             yielding=Yielding(),
             controls=controls,
-            detours=Detours(self.moves, (context, kept)[: 1 if robot.stepwise else 2], narrow),
+            detours=Detours(self.moves, (context,), narrow)
+            if controls is None
+            else Detours(self.moves, (context, kept), narrow, self.horizon),
         )
 
     def _compute_anew(self, t: float, task: Task) -> None:
@@ -317,7 +319,8 @@ class AntwayPolicy:
     def _look_for_detours(self, o: Observation) -> None:
         """If obstacles have stayed where they are for long, plan anew with times that count with that, or give way to one."""
         s, t, busy = self._state, float(o.sensed_at), self._beside is not None
-        counted = s.detours.update(s.tracker.estimates, s.tracker.last_seen, t, o.xy, busy)
+        arrival = s.plan.state.item(ARRIVAL)
+        counted = s.detours.update(s.tracker.estimates, s.tracker.last_seen, t, o.xy, arrival, busy)
         s.dance.update(s.task, s.detours.to_go, t, o.xy)
         if busy:
             return
