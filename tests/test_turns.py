@@ -57,6 +57,15 @@ def test_turns_are_those_that_the_slow_twin_counts() -> None:
         assert turns[2] / max(turns[1], 1.0) == pytest.approx(change, rel=1e-9) and rate > 0.0 and bounces > 0
 
 
+def test_a_wrong_velocity_in_the_first_scan_of_a_track_is_no_turn() -> None:
+    """Many trackers report 0 then; it counted as a turn, for the whole episode, and robots on wheels kept away from everybody."""
+    table, turns = make_table(16, COLUMNS), np.array([FIRST_SECONDS, 0.0, 0.0])
+    for i in range(20):
+        estimates = np.array([[1.0 + 0.1 * i, 2.0, 1.0 if i % 10 else 0.0, 0.0, 0.3, 0.0, 0.0, float(i // 10)]])
+        velocity_changes(table, turns, estimates, ROOM, 0.1 * i, np.empty((1, 4)))
+    assert turns[1] == 0.0 and turns[0] == pytest.approx(FIRST_SECONDS + 1.6)
+
+
 def test_a_disc_that_bounces_off_a_wall_does_not_turn() -> None:
     """It goes to and fro between an edge of the map and a wall in it; one that turns at the same place and time does."""
     blocked = np.zeros((20, 40), np.bool_)

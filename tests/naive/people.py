@@ -116,13 +116,18 @@ def turns(scans, side, radius, least=0.7, gap=0.3, first=10.0):
     """How often tracks turn and by how much, from scans (t, {name: (x, y, vx, vy)}) of discs in a square room.
 
     Whole histories are compared pair by pair. A change counts from the velocity expected or, where a wall is met within `gap`
-    in steps of a tenth of a millisecond, from the mirrored one if that is less.
+    in steps of a tenth of a millisecond, from the mirrored one if that is less. The first scan of a track, after which it was
+    not out of sight for over a second, tells no velocity.
     """
     histories = {}
     for t, tracks in scans:
         for name, motion in tracks.items():
             histories.setdefault(name, []).append((t, np.array(motion)))
-    pairs = [pair for history in histories.values() for pair in pairwise(history) if pair[1][0] - pair[0][0] <= gap]
+    pairs = []
+    for history in histories.values():
+        first_scans = [i for i in range(len(history)) if i == 0 or history[i][0] - history[i - 1][0] > 1.0]
+        steps = [(history[i], history[i + 1]) for i in range(len(history) - 1) if i not in first_scans]
+        pairs += [(one, other) for one, other in steps if other[0] - one[0] <= gap]
     turned = []
     for (_, one), (_, other) in pairs:
         expected = [one[2:]]

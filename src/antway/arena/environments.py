@@ -223,9 +223,10 @@ def walks(table: NDArray[np.float64], file: str) -> list[NDArray[np.float64]]:
         raise BadScenario("tracks", len(table), "rows of which two or more have the same id", where=file)
     ends = np.flatnonzero(~same | (steps > max(_GAP, 3.0 * float(np.median(steps[same])))))
     found = [walk for walk in np.split(table[:, (0, 2, 3)], ends + 1) if len(walk) >= 2]
-    far = np.array([np.hypot(*(walk[-1] - walk[0])[1:]) for walk in found])
+    far = np.array([np.hypot(*np.diff(walk[:, 1:], axis=0).T).sum() for walk in found])  # who turns back walks as far
     took = np.array([walk[-1, 0] - walk[0, 0] for walk in found])
-    speed = float(np.median((far / took)[far > 2.0])) if (far > 2.0).any() else 1.0
+    gone = np.array([np.hypot(*np.ptp(walk[:, 1:], axis=0)) > 2.0 for walk in found])
+    speed = float(np.median((far / took)[gone])) if gone.any() else 1.0
     jumps = sum(_jumps(walk) for walk in found)
     if not 0.4 < speed < 4.0:
         units = "are times in s, or frames 0.4 s apart, and places in m?"

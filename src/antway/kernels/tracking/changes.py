@@ -17,9 +17,9 @@ from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import SEEN, Table, drop_lost, row_for
 
-# Columns of a row after NAMED and SEEN: where and with what velocity the track was last seen.
-_X, _Y, _VX, _VY = range(2, 6)
-COLUMNS = 6
+# Columns of a row after NAMED and SEEN: where and with what velocity the track was last seen, and in how many scans.
+_X, _Y, _VX, _VY, _SCANS = range(2, 7)
+COLUMNS = 7
 # Columns of a change: the velocity before, mirrored where the track has bounced off a wall since then, and the normal of that
 # wall, (0, 0) without one. A track that is new has not changed its velocity.
 BEFORE_VX, BEFORE_VY, N_X, N_Y = range(4)
@@ -71,12 +71,14 @@ def velocity_changes(
         row = table.rows[i]
         if not is_new:
             _compare(row, estimates[k], terrain, t - row[SEEN], before)
-            if 0.0 < t - row[SEEN] <= _GAP:
+            # Trackers do not know the velocity at the first scan yet, and many report 0 then.
+            if row[_SCANS] > 1.0 and 0.0 < t - row[SEEN] <= _GAP:
                 change = math.hypot(vx - before[BEFORE_VX], vy - before[BEFORE_VY])
                 turns[SECONDS] += t - row[SEEN]
                 if change > _TURN:
                     turns[TURNS] += 1.0
                     turns[SUM] += change
+        row[_SCANS] = 1.0 if is_new else row[_SCANS] + 1.0
         row[SEEN], row[_X], row[_Y], row[_VX], row[_VY] = t, estimates[k, X], estimates[k, Y], vx, vy
 
 
