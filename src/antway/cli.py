@@ -140,7 +140,7 @@ def plan_command(
         return commands.plan_front(problem, grid, radius, None if spec is None else spec.v_max, obstacles, seed, out, json)
     if obstacles is not None:
         raise BadParameter("obstacles", obstacles, "left out without --pareto")
-    with working("planning"), faults_named("planner", planner, PLANNERS):
+    with working("planning"), faults_named(planner):
         if planner in PLANNERS:  # kernels are loaded, and compiled once on a machine, before the clock of the search starts
             solve(small_problem(rule), planner)
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
