@@ -37,9 +37,7 @@ class _Writer:
         return self.make("visualization_msgs/msg/MarkerArray", markers=self.markers)
 
 
-def decision_message(
-    decision: Decision, xy: XY, tracks: Tracks, t: float, make: Make = plain, *, frame: str = "map"
-) -> Any:
+def decision_message(decision: Decision, xy: XY, tracks: Tracks, t: float, make: Make = plain, *, frame: str = "map") -> Any:
     """Return `decision`, made at `xy` m and `t` s among `tracks`, as a MarkerArray of these namespaces, after a delete-all.
 
     action: its name and reason in words over the robot; motion: the planned path; target: where the detour ends;
