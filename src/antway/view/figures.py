@@ -68,13 +68,7 @@ def plan_figure(
 
 @style.styled
 def moment_figure(
-    trace: Trace,
-    step: int,
-    *,
-    title: str,
-    caption: str | None = None,
-    path: Plan | None = None,
-    pheromone: bool = False,
+    trace: Trace, step: int, *, title: str, caption: str | None = None, path: Plan | None = None, pheromone: bool = False
 ) -> Figure:
     """Draw an episode at one step (Figs. 5 and 6 of the paper); moving obstacles are red and have their numbers.
 
