@@ -405,7 +405,7 @@ def test_the_largest_names_are_kept_as_far_as_floats_hold_them() -> None:
         seen = Observation(0.1 * i, (3.0, 5.0), (0.0, 0.0), 0.0, tracks)
         policy.act(seen)
         assert policy.state is not None
-        names = policy.state.tracker.for_guard(seen, False).tracks.id
+        names = policy.state.tracker.for_guard(seen).tracks.id
         assert names.tolist() == [4, most - 1023]
 
 

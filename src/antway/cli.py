@@ -140,7 +140,7 @@ def plan_command(
         return commands.plan_front(problem, grid, radius, None if spec is None else spec.v_max, obstacles, seed, out, json)
     if obstacles is not None:
         raise BadParameter("obstacles", obstacles, "left out without --pareto")
-    with working("planning"), faults_named("planner", planner, PLANNERS):
+    with working("planning"), faults_named(planner):
         if planner in PLANNERS:  # kernels are loaded, and compiled once on a machine, before the clock of the search starts
             solve(small_problem(rule), planner)
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
@@ -252,8 +252,7 @@ def bench_command(
     suite: Annotated[
         str,
         typer.Argument(
-            metavar="SUITE",
-            help=f"One of {names(SUITES)}; or predict (forecasts on a recording), or ants (what ants add).",
+            metavar="SUITE", help=f"One of {names(SUITES)}; or predict (forecasts on a recording), or ants (what ants add)."
         ),
     ],
     file: Annotated[Path | None, typer.Argument(metavar="FILE", help="With predict: a recording, as for tracks:FILE.")] = None,
@@ -366,8 +365,7 @@ def view_command(
 def serve_command(
     port: Annotated[int, number_option("port", int, "N", "Port; 0 takes any free one.")] = 8765,
     host: Annotated[
-        str,
-        typer.Option(metavar="HOST", help="Address of this machine at which others may open the page (with a token)."),
+        str, typer.Option(metavar="HOST", help="Address of this machine at which others may open the page (with a token).")
     ] = "127.0.0.1",
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
 ) -> int:

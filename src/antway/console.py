@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from antway.errors import BadInput, BadParameter, described_error
-from antway.tables import SHIPPED_SCENES, names
+from antway.tables import PLANNERS, SHIPPED_SCENES, names
 from antway.writing import PICTURES, check_target
 
 if TYPE_CHECKING:
@@ -53,16 +53,16 @@ class Fault(Exception):
 
 
 @contextmanager
-def faults_named(kind: str, name: str, shipped: Iterable[str]) -> Iterator[None]:
-    """Name in one line what raised, unless `name` is `shipped`: a fault of antway's own needs its traceback."""
+def faults_named(planner: str) -> Iterator[None]:
+    """Name in one line what a planner raised, unless it is one of antway's own, whose fault needs its traceback."""
     try:
         yield
     except BadInput:
         raise
     except Exception as error:
-        if name in shipped:
+        if planner in PLANNERS:
             raise
-        raise Fault(f"{kind} {name}: {described_error(error)}") from error
+        raise Fault(f"planner {planner}: {described_error(error)}") from error
 
 
 def number_option(field: str, kind: type, metavar: str, help: str) -> Any:

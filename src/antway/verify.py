@@ -13,8 +13,6 @@ from antway.errors import InvalidPlan
 from antway.grid import Cell, Grid, Moves
 from antway.planning import Plan, Problem, Status
 
-Point = tuple[float, float]  # (row, col), integers at cell centres
-
 _FARTHEST = {Moves.SIXTEEN: 2, Moves.THIRTY_TWO: 3}  # most rows or columns that a move crosses; 1 for all other moves
 _EPS = 1e-9  # cells; tolerance far below any distance between cell centres and corners
 

@@ -16,7 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from stand_in import GOAL, START, kinds, room, stamped
 
-from antway.ros2 import actions
+from antway.ros2 import actions, nav2
 from antway.ros2.messages import load, make
 from antway.ros2.node import AntwayNode
 from antway.ros2.settings import Settings
@@ -37,7 +37,7 @@ def resources() -> tuple[int, int]:
 
 def asked_while_closing(node: AntwayNode, executor: SingleThreadedExecutor) -> int:
     """Take the node down while a plan is being made for GetPlan; returns the poses in the answer, which comes all the same."""
-    client, gate, find_path = rclpy.create_node("client"), threading.Event(), actions.find_path
+    client, gate, find_path = rclpy.create_node("client"), threading.Event(), nav2.find_path
     executor.add_node(client)
     node.trigger_configure()
     node.trigger_activate()
@@ -45,7 +45,7 @@ def asked_while_closing(node: AntwayNode, executor: SingleThreadedExecutor) -> i
     get_plan = client.create_client(load("nav_msgs/srv/GetPlan"), "get_plan")
     while not get_plan.service_is_ready():
         executor.spin_once(timeout_sec=0.1)
-    actions.find_path = lambda *details: gate.wait(TIMEOUT) and find_path(*details)
+    nav2.find_path = lambda *details: gate.wait(TIMEOUT) and find_path(*details)
     answer = get_plan.call_async(make("nav_msgs/srv/GetPlan_Request", start=stamped(START), goal=stamped(GOAL)))
     served = next(part for _, part in node.parts if isinstance(part, actions.Served))
     while not served.asked:
@@ -55,7 +55,7 @@ def asked_while_closing(node: AntwayNode, executor: SingleThreadedExecutor) -> i
     gate.set()
     while not answer.done() or served.service in list(node.services):
         executor.spin_once(timeout_sec=0.1)
-    actions.find_path = find_path
+    nav2.find_path = find_path
     executor.remove_node(client)
     client.destroy_node()
     return len(answer.result().plan.poses)

@@ -236,9 +236,7 @@ def _shown(value: float, form: str) -> str:
     return "-" if math.isnan(value) else format(value, form)
 
 
-def _estimates(
-    walkers: list[NDArray[np.float64]],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _estimates(walkers: list[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Replay recorded tracks; return the time, the track estimate and the velocity over the last STEP for each prediction."""
     table = np.vstack([_steps(name, walker) for name, walker in enumerate(walkers)])
     table = table[np.argsort(table[:, 0], kind="stable")]

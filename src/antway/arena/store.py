@@ -94,7 +94,6 @@ class Row:
         return self.outcome == "reached"
 
 
-TIMING = ("cycle_p50", "cycle_p99", "cycle_max")
 COLUMNS = tuple(f.name for f in fields(Row))
 _KINDS = {"str": "TEXT NOT NULL", "int": "INTEGER NOT NULL", "float": "REAL"}
 _NAMES = ", ".join(f'"{name}"' for name in COLUMNS)

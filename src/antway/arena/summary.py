@@ -135,12 +135,12 @@ def remarks(table: Sequence[Summary]) -> list[str]:
     return ["A ratio below 1: the optimum moves between cells in 32 directions, a policy at any angle."] if below else []
 
 
-def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
+def markdown(rows: Sequence[Row]) -> str:
     """Return the summaries of the rows of one suite, the ranks of its policies and their failures by cause, in Markdown.
 
     Ranks are by success and by time over the optimum on the episodes that all policies played.
     """
-    names = list(policies or sorted({row.policy for row in rows}))
+    names = sorted({row.policy for row in rows})
     heads = ["level", "policy", "episodes", "success, % (95 %)", "hit moving / standing / wall", "timeout / error"]
     heads += ["time / optimum (95 %)", "time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "side changes"]
     lines = [_line(heads), _line(["---"] * 2 + ["--:"] * 10)]

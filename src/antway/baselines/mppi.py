@@ -77,25 +77,9 @@ class Mppi(Follow):
             np.zeros((self.samples, steps, 2)),
             np.zeros(self.samples),
         )
-        weights = CostWeights(
-            progress=0.02,
-            contact=30.0,
-            decay=0.3,
-            near=0.2,
-            risk=0.0,
-            turn_risk=0.0,
-            wall=100.0,
-            wall_margin=self.wall_margin,
-            wall_risk=0.0,
-            wall_range=0.0,
-            ramps=1.0,
-            off_plan=0.0,
-            stop=0.0,
-            follow=0.0,
-            stopping_time=0.0,
-            stand=0.0,
-            swerve=math.inf,
-        )
+        used = {"progress": 0.02, "contact": 30.0, "decay": 0.3, "near": 0.2, "wall": 100.0, "wall_margin": self.wall_margin}
+        none = dict.fromkeys(CostWeights._fields, 0.0)
+        weights = CostWeights(**none | used | {"ramps": 1.0, "swerve": math.inf})
         self.problem = ControlProblem(
             RobotState(0.0, 0.0, 0.0, 0.0, 0.0),
             finite_limits(robot),

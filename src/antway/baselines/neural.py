@@ -12,7 +12,7 @@ from antway.baselines.look_ahead import short_of_walls
 from antway.baselines.replan import STOP, now
 from antway.grid import Cell
 from antway.kernels.baselines.neural import CLOSED, DIAGONAL, FREE, TARGET, ascend, relax, shunt, stamp
-from antway.world.line_of_sight import clear
+from antway.world.line_of_sight import clear, diagonal_radius
 from antway.world.policy import XY, Command, Decision, Observation, Task
 
 SETTLED = 1e-6  # relative change in a sweep below which the activity is stationary
@@ -75,13 +75,8 @@ class Neural:
     def reset(self, task: Task, seed: int) -> None:
         """Compute the stationary activity on the empty map."""
         self.task, grid, size = task, task.grid, task.grid.resolution
-        # A diagonal move comes nearer to a corner by at most half its length.
-        contact_radius = (
-            task.robot.radius if size >= 2 * task.robot.radius else math.hypot(task.robot.radius, size / math.sqrt(2))
-        )
-        self.walls = np.pad(
-            np.where(grid.inflate(contact_radius).blocked, CLOSED, FREE).astype(np.uint8), 1, constant_values=CLOSED
-        )
+        closed = grid.inflate(diagonal_radius(task)).blocked
+        self.walls = np.pad(np.where(closed, CLOSED, FREE).astype(np.uint8), 1, constant_values=CLOSED)
         self.goal = self._cell(task.goal)
         self.walls[self.goal] = TARGET
         self.frame = np.array([grid.origin[0] - size, grid.origin[1] - size, size])

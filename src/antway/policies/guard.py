@@ -13,18 +13,8 @@ from antway import checks
 from antway.errors import BadParameter, TooLarge
 from antway.kernels.base.jit import entry
 from antway.kernels.base.records import PEOPLE_ACCEL, RobotState, Walls
+from antway.kernels.robot import guard as kernel
 from antway.kernels.robot.brake import Robot
-from antway.kernels.robot.guard import (
-    BOUND_CHANGE,
-    BRAKED,
-    STOPPING_TIME,
-    STRICT,
-    TABLE_COLUMNS,
-    Rules,
-    fault,
-    guarded,
-    within_reach,
-)
 from antway.kernels.robot.passing import fallback, passed_among
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
@@ -67,7 +57,7 @@ def check_observation(o: Observation) -> Observation:
     check_lengths(t)
     if n > MAX_TRACKS:
         raise TooLarge("tracks", n, f"at most {MAX_TRACKS}")
-    what = fault(*o.xy, *o.velocity, o.heading, t.id, t.xy, t.velocity, t.radius)
+    what = kernel.fault(*o.xy, *o.velocity, o.heading, t.id, t.xy, t.velocity, t.radius)
     if what and what != _TWICE:
         value = ((o.xy, o.velocity, o.heading), t.xy, t.velocity, t.radius)[what - 1]
         raise BadParameter(_FAULTS[what - 1], value, _ALLOWED[what - 1])
@@ -156,7 +146,7 @@ class Guard:
     def reset(self, task: Task) -> None:
         """Prepare for `task`."""
         self.bounds = np.array([task.obstacle_speed, task.obstacle_surge, math.inf, 0.0, 0.0, 0.0])
-        self.table, self.count = np.zeros((_TRACKS, TABLE_COLUMNS)), 0
+        self.table, self.count = np.zeros((_TRACKS, kernel.TABLE_COLUMNS)), 0
         self.tracks, self.spread = np.empty((_TRACKS, COLUMNS)), np.zeros(_TRACKS)
         self.last_stamp = -math.inf
         self.did = self.why = ""
@@ -169,9 +159,10 @@ class Guard:
         strict = self.mode == "strict"
         self.dynamic = None if robot.stepwise else _Dynamic(task, self.mode, self.dynamic)
         self.walls = walls_of(task.grid) if strict and robot.stepwise else None
-        self.bounds[BOUND_CHANGE], self.bounds[STRICT] = assumed_accel(task, self.mode), float(strict or not robot.stepwise)
-        self.rules = Rules(robot.limits, terrain_of(task.grid), robot.dt, self.lookahead, strict)
-        self._kernel = entry(guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.rules)
+        self.bounds[kernel.BOUND_CHANGE] = assumed_accel(task, self.mode)
+        self.bounds[kernel.STRICT] = float(strict or not robot.stepwise)
+        self.rules = kernel.Rules(robot.limits, terrain_of(task.grid), robot.dt, self.lookahead, strict)
+        self._kernel = entry(kernel.guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.rules)
 
     def limit(self, observation: Observation, command: Command | None) -> Command:
         """Return the command that passes; `did` then says what the guard did, and `why` if time is the reason.
@@ -204,7 +195,7 @@ class Guard:
             self.why = "the guard brakes, because there is no scan of now"
         acts = () if command is None else command.velocity if self.dynamic is None else command.acts(o, robot)
         if self.why or command is None or not all(map(math.isfinite, acts)):
-            self.did = DID[BRAKED]
+            self.did = DID[kernel.BRAKED]
             return _STOP if self.dynamic is None else self.dynamic.stop(o)
         self.last_stamp = stamp
         tracks = self._within_reach(o, stamp)
@@ -229,11 +220,11 @@ class Guard:
             stopping = self.dynamic.stopping
         most = self.count + len(t)
         if most > len(self.table):
-            self.table = np.resize(self.table, (2 * most, TABLE_COLUMNS))
+            self.table = np.resize(self.table, (2 * most, kernel.TABLE_COLUMNS))
             self.tracks, self.spread = np.empty((2 * most, COLUMNS)), np.zeros(2 * most)
         self.spread[: len(t)] = 0.0 if t.covariance is None else 2.0 * np.sqrt(t.variances(0))
-        self.bounds[STOPPING_TIME], scan = stopping, (t.id, t.xy, t.velocity, t.radius)
-        n = self.count = within_reach(
+        self.bounds[kernel.STOPPING_TIME], scan = stopping, (t.id, t.xy, t.velocity, t.radius)
+        n = self.count = kernel.within_reach(
             self.table, self.count, o.t, stamp, self.hold, *scan, self.spread, self.bounds, self.tracks
         )
         swerve = self.task.obstacle_swerve

@@ -15,25 +15,11 @@ from rclpy.task import Future
 from antway.errors import BadInput
 from antway.grid import Grid
 from antway.planning import PLANNERS
-from antway.ros2 import convert, frames
+from antway.ros2 import convert, frames, nav2
 from antway.ros2.frames import Pose
 from antway.ros2.goals import End, Goal
 from antway.ros2.messages import load, make
-from antway.ros2.nav2 import (
-    ENDS,
-    FOLLOW_TF_ERROR,
-    INVALID_CONTROLLER,
-    INVALID_PATH,
-    INVALID_PLANNER,
-    NO_VALID_WAYPOINTS,
-    NONE,
-    PLAN_TF_ERROR,
-    PLAN_UNKNOWN,
-    Failure,
-    Kind,
-    find_path,
-    in_thread,
-)
+from antway.ros2.nav2 import Failure, Kind, in_thread
 from antway.ros2.path import tracking
 from antway.ros2.pilot import Pilot
 from antway.ros2.tours import THROUGH, Visit, find_tour
@@ -102,7 +88,7 @@ class Served:
 
         def work() -> NDArray[np.float64]:
             inflated, radius = node.pilot.inflated_grid(grid), settings.robot.radius
-            return find_path(grid, inflated, [p[:2] for p in places], radius, planner, settings.plan_time, tolerance)
+            return nav2.find_path(grid, inflated, [p[:2] for p in places], radius, planner, settings.plan_time, tolerance)
 
         return in_thread(node.executor, work, answer)
 
@@ -113,7 +99,7 @@ class Served:
     def _map(self) -> Grid:
         """Return the map, or raise `Failure` if there is none yet."""
         if self.node.pilot.map is None:
-            raise Failure(PLAN_UNKNOWN, "no map yet")
+            raise Failure(nav2.PLAN_UNKNOWN, "no map yet")
         return self.node.pilot.map
 
     def _place(self, stop: Any) -> Pose:
@@ -121,12 +107,12 @@ class Served:
         if stop is None:
             odometry = self.node.pilot.odometry
             if odometry is None:
-                raise Failure(PLAN_TF_ERROR, "where the robot is, is not known: no odometry yet")
+                raise Failure(nav2.PLAN_TF_ERROR, "where the robot is, is not known: no odometry yet")
             return (*odometry.xy, odometry.heading)
         try:
             return self.node.place(stop.header, stop.pose)
         except BadInput as wrong:
-            raise Failure(PLAN_TF_ERROR, str(wrong)) from None
+            raise Failure(nav2.PLAN_TF_ERROR, str(wrong)) from None
 
     async def _get_plan(self, request: Any, response: Any) -> Any:
         """Serve nav_msgs/srv/GetPlan; if there is no path, it is empty and the log says why."""
@@ -157,7 +143,7 @@ class Served:
         if planner not in PLANNERS:
             allowed = ", ".join((settings.planner_id, *PLANNERS))
             return done(
-                make("nav_msgs/msg/Path"), Failure(INVALID_PLANNER, f"planner_id = {planner!r}: must be one of {allowed}")
+                make("nav_msgs/msg/Path"), Failure(nav2.INVALID_PLANNER, f"planner_id = {planner!r}: must be one of {allowed}")
             )
         start = goal.start if goal.use_start else None
         return self._plan([start, *getattr(goal, "viapoints", ()), goal.goal], planner, done)
@@ -166,7 +152,7 @@ class Served:
         """End a goal whose result is a path that was requested at `started` s of the steady clock."""
         if not self.open:
             return
-        code, reason = (NONE, "") if failure is None else (failure.code, failure.reason)
+        code, reason = (nav2.NONE, "") if failure is None else (failure.code, failure.reason)
         seconds = time.monotonic() - started
         took = make("builtin_interfaces/msg/Duration", sec=int(seconds), nanosec=int(seconds % 1.0 * 1e9))
         self._finish(handle, kind, code, path=path, planning_time=took, error_code=code, error_msg=reason)
@@ -213,7 +199,7 @@ class Served:
             self._map()
             start, *poses = [self._place(None), *(self._place(one) for one in goal.poses)]
         except Failure as failure:
-            return ended(NO_VALID_WAYPOINTS, failure.reason, [])
+            return ended(nav2.NO_VALID_WAYPOINTS, failure.reason, [])
         if self.node.pilot.goal is not None:
             self.node.drop("pre-empted by a tour")
         self.following = handle
@@ -226,15 +212,15 @@ class Served:
         goal = kind.read(handle.request)
         error = None
         if goal.controller_id not in ("", node.settings.controller_id):
-            error = INVALID_CONTROLLER, f"controller_id = {goal.controller_id!r}: must be {node.settings.controller_id}"
+            error = nav2.INVALID_CONTROLLER, f"controller_id = {goal.controller_id!r}: must be {node.settings.controller_id}"
         elif len(goal.path.poses) == 0:
-            error = INVALID_PATH, "path.poses = []: must be at least one pose"
+            error = nav2.INVALID_PATH, "path.poses = []: must be at least one pose"
         else:
             try:
                 path = frames.move(node.frame(goal.path.header.frame_id), convert.read_path(goal.path))
             except BadInput as wrong:
                 tf = wrong.field == "header.frame_id" or "tf" in wrong.field
-                error = FOLLOW_TF_ERROR if tf else INVALID_PATH, str(wrong)
+                error = nav2.FOLLOW_TF_ERROR if tf else nav2.INVALID_PATH, str(wrong)
         if error is not None:
             if self.following is not None:  # as in Nav2, where a goal ends the one before it whether it can be followed or not
                 node.drop("pre-empted by a goal that is refused")
@@ -243,7 +229,7 @@ class Served:
         def done(end: End, reason: str) -> None:
             if self.following is handle:
                 self.following = None
-            self._finish(handle, kind, ENDS[end], end is End.REPLACED, error_code=ENDS[end], error_msg=reason)
+            self._finish(handle, kind, nav2.ENDS[end], end is End.REPLACED, error_code=nav2.ENDS[end], error_msg=reason)
 
         end = float(path[-1, 0]), float(path[-1, 1])
         node.orders += 1
@@ -288,9 +274,9 @@ class Served:
         def end(handle: Any) -> Any:
             self.ending -= 1
             if handle.is_cancel_requested:
-                fields["error_code"] = NONE
+                fields["error_code"] = nav2.NONE
                 handle.canceled()
-            elif aborted or code != NONE:
+            elif aborted or code != nav2.NONE:
                 handle.abort()
             else:
                 handle.succeed()

@@ -11,18 +11,8 @@ from numpy.typing import NDArray
 from antway.grid import Grid
 from antway.kernels.spacetime.memory import SEGMENTS
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
-from antway.ros2.convert import (
-    ARROW,
-    CYLINDER,
-    DELETE_ALL,
-    LINE_STRIP,
-    OBSTACLE,
-    TEXT,
-    Make,
-    header_message,
-    marker_message,
-    plain,
-)
+from antway.ros2 import convert
+from antway.ros2.convert import Make, plain
 from antway.ros2.frames import Pose, chain
 from antway.world.policy import XY, Decision, Tracks
 from antway.world.terrain import terrain_of
@@ -35,13 +25,13 @@ class _Writer:
     """The markers of one message."""
 
     def __init__(self, t: float, make: Make, frame: str) -> None:
-        self.make, self.header = make, header_message(t, frame, make)
+        self.make, self.header = make, convert.header_message(t, frame, make)
         self.markers: list[Any] = []
-        self.add("", ARROW, action=DELETE_ALL)
+        self.add("", convert.ARROW, action=convert.DELETE_ALL)
 
     def add(self, space: str, kind: int, **about: Any) -> None:
         """Add a marker with its index in the message as its id; `about` is as in `marker_message`."""
-        self.markers.append(marker_message(len(self.markers), kind, self.header, self.make, space=space, **about))
+        self.markers.append(convert.marker_message(len(self.markers), kind, self.header, self.make, space=space, **about))
 
     def message(self) -> Any:
         return self.make("visualization_msgs/msg/MarkerArray", markers=self.markers)
@@ -55,13 +45,13 @@ def decision_message(decision: Decision, xy: XY, tracks: Tracks, t: float, make:
     """
     writer, colour = _Writer(t, make, frame), _COLOURS.get(decision.action, _HALTED)
     words = f"{decision.action}: {decision.reason}"
-    writer.add("action", TEXT, xy=xy, z=1.0, size=(0.0, 0.0, 0.25), colour=colour, text=words)
+    writer.add("action", convert.TEXT, xy=xy, z=1.0, size=(0.0, 0.0, 0.25), colour=colour, text=words)
     if decision.path is not None and len(decision.path.xy) > 1:
-        writer.add("motion", LINE_STRIP, size=(0.05, 0.0, 0.0), colour=colour, points=decision.path.xy.tolist())
+        writer.add("motion", convert.LINE_STRIP, size=(0.05, 0.0, 0.0), colour=colour, points=decision.path.xy.tolist())
     if decision.local_target is not None:
-        writer.add("target", CYLINDER, xy=decision.local_target, size=(0.2, 0.2, 0.05), colour=colour)
+        writer.add("target", convert.CYLINDER, xy=decision.local_target, size=(0.2, 0.2, 0.05), colour=colour)
     for place in tracks.xy[tracks.id == decision.obstacle].tolist():
-        writer.add("obstacle", LINE_STRIP, size=(0.03, 0.0, 0.0), colour=_HALTED, points=[xy, place])
+        writer.add("obstacle", convert.LINE_STRIP, size=(0.03, 0.0, 0.0), colour=_HALTED, points=[xy, place])
     return writer.message()
 
 
@@ -94,11 +84,11 @@ def predictions_message(
     for line, radius in zip(lines, tracks.radius.tolist()):
         if len(line) < 2:
             continue
-        writer.add("paths", LINE_STRIP, size=(0.03, 0.0, 0.0), colour=OBSTACLE, points=line[:, 1:].tolist())
+        writer.add("paths", convert.LINE_STRIP, size=(0.03, 0.0, 0.0), colour=convert.OBSTACLE, points=line[:, 1:].tolist())
         for when in np.arange(1.0, line[-1, 0] + 1e-9):
             x, y = (float(np.interp(when, line[:, 0], line[:, i])) for i in (1, 2))
             size, alpha = (2 * radius, 2 * radius, 0.02), float(0.5 * (1.0 - when / (line[-1, 0] + 1.0)))
-            writer.add("places", CYLINDER, xy=(x, y), size=size, colour=OBSTACLE, alpha=alpha)
+            writer.add("places", convert.CYLINDER, xy=(x, y), size=size, colour=convert.OBSTACLE, alpha=alpha)
     return writer.message()
 
 

@@ -144,8 +144,7 @@ def find_path(
             elif i == len(stops) - 1:
                 near = _nearest(inflated, xy, tolerance)
             if near is None:
-                outside, occupied = (GOAL_OUTSIDE_MAP, GOAL_OCCUPIED) if i else (START_OUTSIDE_MAP, START_OCCUPIED)
-                raise Failure(outside if isinstance(wrong, OutOfBounds) else occupied, str(wrong)) from None
+                raise Failure(code_of(wrong, i == 0), str(wrong)) from None
             cells.append(near)
     end, legs = time.monotonic() + limit, list[NDArray[np.float64]]()
     for a, b in pairwise(cells):
@@ -156,6 +155,13 @@ def find_path(
             raise Failure(NO_VALID_PATH, "there is no path")
         legs.append(plan.xy(grid)[1 if legs else 0 :])
     return np.vstack(legs)
+
+
+def code_of(wrong: BadInput, is_start: bool) -> int:
+    """Return the error code for the start, or a goal, where the robot cannot stand."""
+    if isinstance(wrong, OutOfBounds):
+        return START_OUTSIDE_MAP if is_start else GOAL_OUTSIDE_MAP
+    return START_OCCUPIED if is_start else GOAL_OCCUPIED
 
 
 def _nearest(inflated: Grid, xy: XY, tolerance: float) -> Cell | None:

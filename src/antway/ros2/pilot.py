@@ -19,20 +19,8 @@ from antway.policies.antway.beside import Beside
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard, at_scan
 from antway.policies.guard_process import SILENT, GuardProcess
-from antway.ros2.frames import (
-    HERE,
-    Odometry,
-    Pose,
-    inverse,
-    level,
-    move,
-    move_decision,
-    move_odometry,
-    move_point,
-    move_tracks,
-    shown,
-    turn,
-)
+from antway.ros2 import frames
+from antway.ros2.frames import Odometry, Pose
 from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
 from antway.ros2.markers import predictions, shades
 from antway.ros2.path import corridor, keeps_near
@@ -83,7 +71,7 @@ class Pilot:
         if self.map is not None and grid == self.map:
             return None
         self.map, self.policy, self.turner = grid, None, None
-        self.grid, self.frame = level(grid)
+        self.grid, self.frame = frames.level(grid)
         return None if self.goal is None else self._hold(WARN, "the map has changed")
 
     def overtaken(self, t: float) -> bool:
@@ -117,7 +105,7 @@ class Pilot:
             self.due = -math.inf
         if before is None:
             return None
-        return self._hold(OK, f"the goal {shown(before.xy)} is pre-empted by {shown(goal.xy)}", End.REPLACED)
+        return self._hold(OK, f"the goal {frames.shown(before.xy)} is pre-empted by {frames.shown(goal.xy)}", End.REPLACED)
 
     def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> Answer:
         """Stop, and end the goal."""
@@ -222,7 +210,7 @@ class Pilot:
                 off = wrap(goal.yaw - odometry.heading)
             if not abs(off) > settings.yaw_tolerance:
                 self.brake()
-                return self.drop(f"arrived at {shown(goal.xy)}", End.ARRIVED)
+                return self.drop(f"arrived at {frames.shown(goal.xy)}", End.ARRIVED)
             return self._turn(goal, odometry)
         if self.map is None:
             return self._wait(t, WARN, "waiting for a map")
@@ -258,7 +246,7 @@ class Pilot:
         if isinstance(found, Answer):
             return found
         passed, did = found
-        self.command = Command(turn(self.frame[2], passed.velocity), passed.twist)
+        self.command = Command(frames.turn(self.frame[2], passed.velocity), passed.twist)
         decision = self.policy.explain()
         if did == "braked" and decision.guard != did:
             return Answer(self.command, WARN, "brake: the guard's process had no command in time, or let none pass")
@@ -269,9 +257,9 @@ class Pilot:
 
         Its time counts from `start` s.
         """
-        into, sent = inverse(self.frame), self.sent if len(self.sent) else None
-        t, xy, velocity, heading, turn_rate = move_odometry(into, odometry)
-        tracks, stamp = move_tracks(into, scan[1]), scan[0] - start
+        into, sent = frames.inverse(self.frame), self.sent if len(self.sent) else None
+        t, xy, velocity, heading, turn_rate = frames.move_odometry(into, odometry)
+        tracks, stamp = frames.move_tracks(into, scan[1]), scan[0] - start
         seen = Observation(t - start, xy, velocity, heading, tracks, stamp, turn_rate, sent)
         return at_scan(seen) if stamp > seen.t else seen
 
@@ -323,7 +311,7 @@ class Pilot:
         _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), odometry.heading, settings.robot)
         if self.turner is None:
             self.progress = (t, odometry.xy)
-            there = move_point(inverse(self.frame), goal.xy)
+            there = frames.move_point(frames.inverse(self.frame), goal.xy)
             task = Task(self.grid, settings.robot, seen.xy, there, **settings.task)
             try:
                 if self.guard_process is not None:
@@ -357,7 +345,7 @@ class Pilot:
         """Return the policy to set out with, or why the goal is refused; None while a thread makes it, for a large map."""
         made = self.planning
         if made is None or made[0] is not grid or (made[1] is not goal and not self._same_path(made[1], goal)):
-            work = partial(self._set_out, grid, self.grid, goal, move_point(inverse(self.frame), xy))
+            work = partial(self._set_out, grid, self.grid, goal, frames.move_point(frames.inverse(self.frame), xy))
             made = self.planning = grid, goal, Beside(grid.blocked.size, 0.0, work)
         if not made[2].done:
             return None
@@ -366,15 +354,15 @@ class Pilot:
 
     def _set_out(self, given: Grid, grid: Grid, goal: Goal, here: XY) -> AntwayPolicy | BadInput:
         """Return a newly started policy, or why the goal is refused; its map is that of the goal's corridor, if it has one."""
-        settings, into = self.settings, inverse(self.frame)
+        settings, into = self.settings, frames.inverse(self.frame)
         try:
             standing_cell("goal", goal.xy, given, self.inflated_grid(given), settings.robot.radius)
         except BadInput as wrong:
             return wrong
         if goal.path is not None:
-            grid = corridor(grid, np.vstack((here, move(into, goal.path))), settings.corridor + settings.robot.radius)
+            grid = corridor(grid, np.vstack((here, frames.move(into, goal.path))), settings.corridor + settings.robot.radius)
         policy = AntwayPolicy(**settings.policy)
-        policy.reset(Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task), 0)
+        policy.reset(Task(grid, settings.robot, here, frames.move_point(into, goal.xy), **settings.task), 0)
         return policy
 
     def _same_path(self, before: Goal, goal: Goal) -> bool:
@@ -383,7 +371,7 @@ class Pilot:
             return before.path is goal.path and before == goal
         if math.dist(before.xy, goal.xy) > self.grid.resolution:
             return False
-        path, other = (move(inverse(self.frame), path) for path in (before.path, goal.path))
+        path, other = (frames.move(frames.inverse(self.frame), path) for path in (before.path, goal.path))
         return keeps_near(self.grid, path, other, self.settings.corridor / 2)
 
     # What is shown
@@ -394,14 +382,14 @@ class Pilot:
             return None
         last = self.policy.explain()
         if self.last_decision is None or last is not self.last_decision[0]:
-            self.last_decision = last, last if self.frame == HERE else move_decision(self.frame, last)
+            self.last_decision = last, last if self.frame == frames.HERE else frames.move_decision(self.frame, last)
         return self.last_decision[1]
 
     def predictions(self, horizon: float) -> list[NDArray[np.float64]]:
         """Return where each track will be until `horizon` s from now, (t, x, y) in s and m: float64[M, 3] each."""
-        tracks = Tracks.none() if self.scan is None else move_tracks(inverse(self.frame), self.scan[1])
+        tracks = Tracks.none() if self.scan is None else frames.move_tracks(frames.inverse(self.frame), self.scan[1])
         lines = predictions(tracks, self.grid, horizon)
-        return [np.column_stack((line[:, 0], move(self.frame, line[:, 1:]))) for line in lines]
+        return [np.column_stack((line[:, 0], frames.move(self.frame, line[:, 1:]))) for line in lines]
 
     def pheromone(self) -> tuple[NDArray[np.int8], Pose] | None:
         """Return the ants' pheromone as costs from 0 to 100 in its bounding window, and the pose of the window's corner."""

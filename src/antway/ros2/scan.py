@@ -253,11 +253,7 @@ class Tracker:
             covariance[:, speed, speed] = estimate[:, SIGMA_V] ** 2
             covariance[:, place, speed] = covariance[:, speed, place] = table[:, kalman.P12] + age * table[:, kalman.P22]
         return Tracks(
-            names_of(estimate),
-            estimate[:, :2].copy(),
-            estimate[:, 2:4].copy(),
-            estimate[:, RADIUS].copy(),
-            covariance,
+            names_of(estimate), estimate[:, :2].copy(), estimate[:, 2:4].copy(), estimate[:, RADIUS].copy(), covariance
         )
 
 

@@ -48,10 +48,7 @@ _OWN: dict[str, tuple[Any, str]] = {
     ),
     "stamped": (True, "Whether cmd_vel is a TwistStamped (stamped with the odometry that it answers) or a Twist."),
     "obstacles_type": ("visualization_msgs/msg/MarkerArray", f"Type of messages on obstacles; {LASER} comes on scan."),
-    "obstacles_converter": (
-        "",
-        "module:function that converts such a message to (t in s, Tracks); empty for built-in types.",
-    ),
+    "obstacles_converter": ("", "module:function that converts such a message to (t in s, Tracks); empty for built-in types."),
     "obstacle_radius": (0.3, "m; radius of obstacles from a PoseArray."),
     "scan_gap": (0.3, "m; points of a laser scan that are farther apart belong to different obstacles."),
     "scan_clear": (0.15, "m; points of a laser scan within this distance of blocked cells belong to the map."),

@@ -10,21 +10,10 @@ from numpy.typing import NDArray
 
 from antway.errors import BadInput, CellBlocked, OutOfBounds
 from antway.grid import Grid
+from antway.ros2 import nav2
 from antway.ros2.frames import Pose
 from antway.ros2.goals import End, Goal
-from antway.ros2.nav2 import (
-    ENDS,
-    GOAL_OCCUPIED,
-    GOAL_OUTSIDE_MAP,
-    NO_VALID_PATH,
-    NO_VALID_WAYPOINTS,
-    NONE,
-    START_OCCUPIED,
-    START_OUTSIDE_MAP,
-    TASK_EXECUTOR_FAILED,
-    Failure,
-    in_thread,
-)
+from antway.ros2.nav2 import Failure, in_thread
 from antway.tours.plan import plan_tour
 
 if TYPE_CHECKING:
@@ -46,10 +35,9 @@ def find_tour(grid: Grid, places: list[Pose], radius: float) -> tuple[list[int],
     try:
         tour = plan_tour(grid, start, stops, robot_radius=radius, seconds=SECONDS)
     except (OutOfBounds, CellBlocked) as wrong:
-        outside, blocked = (START_OUTSIDE_MAP, START_OCCUPIED) if wrong.field == "start" else (GOAL_OUTSIDE_MAP, GOAL_OCCUPIED)
-        raise Failure(THROUGH + (outside if isinstance(wrong, OutOfBounds) else blocked), str(wrong)) from None
+        raise Failure(THROUGH + nav2.code_of(wrong, wrong.field == "start"), str(wrong)) from None
     except BadInput as wrong:
-        raise Failure(THROUGH + NO_VALID_PATH, str(wrong)) from None
+        raise Failure(THROUGH + nav2.NO_VALID_PATH, str(wrong)) from None
     return tour.order.tolist(), np.vstack([np.array([start]), *(leg.xy(grid) for leg in tour.legs)])
 
 
@@ -92,11 +80,11 @@ class Visit:
     def _set_out(self, order: list[int] | None, failure: Failure | None, asked: int) -> None:
         """Drive to the first pose, or end if no order was found or the robot got another order than that number meanwhile."""
         if failure is not None:
-            return self.ended(NO_VALID_WAYPOINTS, failure.reason, [])
+            return self.ended(nav2.NO_VALID_WAYPOINTS, failure.reason, [])
         assert order is not None, "a failure says why there is none"
         if self.node.orders != asked:
             reason = "the robot was stopped or sent elsewhere before the tour began"
-            return self.ended(TASK_EXECUTOR_FAILED, reason, [(i, TASK_EXECUTOR_FAILED) for i in order])
+            return self.ended(nav2.TASK_EXECUTOR_FAILED, reason, [(i, nav2.TASK_EXECUTOR_FAILED) for i in order])
         self.order, self.left = order, order.copy()
         return self._next()
 
@@ -106,7 +94,7 @@ class Visit:
             self.loops, self.left = self.loops - 1, self.order.copy()
         if not self.left:
             reason = f"missed {[index for index, _ in self.missed]}" if self.missed else ""
-            return self.ended(NONE, reason, self.missed)
+            return self.ended(nav2.NONE, reason, self.missed)
         index = self.left[0]
         x, y, yaw = self.poses[index]
         return self.node.go(Goal((x, y), gives_up=True, yaw=yaw), self._arrived, lambda: self.feed(index))
@@ -116,8 +104,8 @@ class Visit:
         index = self.left.pop(0)
         if end in (End.REPLACED, End.DROPPED):
             left = [index, *self.left, *(self.order if self.loops else [])]
-            away = [(i, TASK_EXECUTOR_FAILED) for i in dict.fromkeys(left)]
-            return self.ended(TASK_EXECUTOR_FAILED, reason, self.missed + away)
+            away = [(i, nav2.TASK_EXECUTOR_FAILED) for i in dict.fromkeys(left)]
+            return self.ended(nav2.TASK_EXECUTOR_FAILED, reason, self.missed + away)
         if end is not End.ARRIVED:
-            self.missed.append((index, ENDS[end]))
+            self.missed.append((index, nav2.ENDS[end]))
         return self._next()

@@ -27,14 +27,7 @@ from antway.view.figures import shortest
 from antway.world.trace import Trace
 
 _STEP = 0.05  # m; distance between the sampled points of a path
-_LOOKS = (
-    (style.BLUE, "o", "-"),
-    (style.ORANGE, "s", "--"),
-    (style.TEAL, "^", "-."),
-    (style.RED, "D", ":"),
-    (style.INK, "v", "-"),
-    (style.CYAN, "P", "--"),
-)
+_LOOKS = tuple(zip(style.COLOURS, "os^DvP", style.DASHES, strict=True))  # of policies: colour, marker and line
 
 
 @style.styled

@@ -15,9 +15,6 @@ from antway.grid import Grid
 from antway.view import style
 from antway.view.charts import draw_pheromone
 
-_COLOURS = (style.BLUE, style.ORANGE, style.TEAL, style.RED, style.CYAN, style.INK)
-_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))
-
 
 @style.styled
 def pheromone_over_time_figure(grid: Grid, found: Mapping[int, Exploration]) -> Figure:
@@ -64,8 +61,8 @@ def seeds_figure(histories: Mapping[str, Sequence[NDArray[np.float64]]], *, opti
     optimum : float or None
         If it is known, the gap to it is drawn, %.
     """
-    if not 0 < len(histories) <= len(_COLOURS) or not all(histories.values()):
-        raise BadParameter("histories", list(histories), f"one to {len(_COLOURS)} colonies of one or more seeds each")
+    if not 0 < len(histories) <= len(style.COLOURS) or not all(histories.values()):
+        raise BadParameter("histories", list(histories), f"one to {len(style.COLOURS)} colonies of one or more seeds each")
     runs = {
         name: [checks.array(f"history of {name}", history, (None, 3)) for history in group] for name, group in histories.items()
     }
@@ -74,7 +71,7 @@ def seeds_figure(histories: Mapping[str, Sequence[NDArray[np.float64]]], *, opti
     made = np.geomspace(first, max(last, 2 * first), 200)
     fig = style.figure(6.4, 4.4)
     axes = fig.subplots()
-    for (name, group), colour, dash in zip(runs.items(), _COLOURS, _DASHES):
+    for (name, group), colour, dash in zip(runs.items(), style.COLOURS, style.DASHES):
         best = np.array([run[np.searchsorted(run[:, 0], made * (1 + 1e-12), side="right") - 1, 1] for run in group])
         low, middle, high = np.quantile(best if optimum is None else 100 * (best / optimum - 1), (0.1, 0.5, 0.9), axis=0)
         axes.fill_between(made, low, high, color=colour, alpha=0.18, linewidth=0)

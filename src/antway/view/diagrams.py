@@ -72,8 +72,7 @@ def ant_system_chart() -> Figure:
             "done": Box("All n cities\nvisited?", 4.15, kind="question"),
             "best": Box("Close each tour, measure its length $L_k$;\nkeep the shortest so far", 5.3),
             "update": Box(
-                "Eq. (2): $\\tau_{ij} \\leftarrow \\rho\\,\\tau_{ij} + \\Sigma_k\\, Q / L_k$\non each tour's edges; t += n",
-                6.3,
+                "Eq. (2): $\\tau_{ij} \\leftarrow \\rho\\,\\tau_{ij} + \\Sigma_k\\, Q / L_k$\non each tour's edges; t += n", 6.3
             ),
             **_closing(7.4),
         },
@@ -100,8 +99,7 @@ def improved_chart() -> Figure:
                 5,
             ),
             "update": Box(
-                "$\\tau_{ij} \\leftarrow \\rho_{ij}\\,\\tau_{ij} + \\Sigma_k\\, Q / L_k$\non each tour's edges; t += n",
-                6.1,
+                "$\\tau_{ij} \\leftarrow \\rho_{ij}\\,\\tau_{ij} + \\Sigma_k\\, Q / L_k$\non each tour's edges; t += n", 6.1
             ),
             **_closing(7.2),
         },

@@ -68,13 +68,7 @@ def plan_figure(
 
 @style.styled
 def moment_figure(
-    trace: Trace,
-    step: int,
-    *,
-    title: str,
-    caption: str | None = None,
-    path: Plan | None = None,
-    pheromone: bool = False,
+    trace: Trace, step: int, *, title: str, caption: str | None = None, path: Plan | None = None, pheromone: bool = False
 ) -> Figure:
     """Draw an episode at one step (Figs. 5 and 6 of the paper); moving obstacles are red and have their numbers.
 
@@ -285,16 +279,8 @@ def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
     if decision.path is not None and len(decision.path.xy):
         style.draw_path(axes, decision.path.xy, style.TEAL, 2.0, label="chosen path", zorder=3.5)
     if decision.local_target is not None:
-        axes.plot(
-            *decision.local_target,
-            marker="D",
-            color=style.TEAL,
-            markeredgecolor="white",
-            markersize=7,
-            linestyle="",
-            label="local target",
-            zorder=5.5,
-        )
+        look = {"markeredgecolor": "white", "markersize": 7, "linestyle": ""}
+        axes.plot(*decision.local_target, marker="D", color=style.TEAL, label="local target", zorder=5.5, **look)
 
 
 def _draw_predictions(axes: Axes, trace: Trace, step: int) -> None:

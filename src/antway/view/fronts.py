@@ -16,8 +16,6 @@ from antway.view.figures import draw_ends
 from antway.world.timeline import Timeline
 
 _SHOWN = 6  # limit of paths, spread over the front
-_COLOURS = (style.BLUE, style.TEAL, style.ORANGE, style.CYAN, style.INK, style.PURPLE)
-_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 
 
 @style.styled
@@ -62,7 +60,7 @@ def front_figure(grid: Grid, front: TimedFront, obstacles: Timeline | None = Non
     if len(others):
         grey: dict[str, Any] = {"color": style.RULE, "markeredgecolor": style.INK, "markersize": 6}
         right.plot(*others[:, :2].T, "o", label="path that is not on the map", **grey)
-    for i, colour, dash in zip(chosen, _COLOURS, _DASHES):
+    for i, colour, dash in zip(chosen, style.COLOURS, style.DASHES):
         time, distance, clearance = front.values[i].tolist()
         label = f"{time:.1f} s, {distance:.1f} m, clearance {clearance:.2f} m"
         left.plot(*front.paths[i].xy.T, color=colour, linestyle=dash, linewidth=1.8, label=label, zorder=4)

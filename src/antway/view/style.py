@@ -32,6 +32,8 @@ BLUE, CYAN, TEAL, ORANGE, RED = "#0077BB", "#33BBEE", "#009988", "#EE7733", "#CC
 INK, WALL, UNKNOWN, RULE = "#1B1F24", "#454B54", "#D3D7DC", "#E3E6EA"
 GOLD, VIOLET = "#FFD23F", "#5E3C99"  # goals, and the outline of pheromone
 PURPLE, OCHRE, GREY = "#AA3377", "#997700", "#9AA3AD"  # further paths, and waiting in schedules
+COLOURS = (BLUE, ORANGE, TEAL, PURPLE, OCHRE, CYAN)  # of paths, colonies and policies, one after another
+DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))  # of their lines
 _VIOLET = [(0.45, 0.25, 0.65, 0.0), (0.45, 0.25, 0.65, 0.55), (0.25, 0.05, 0.45, 0.95)]
 PHEROMONE = LinearSegmentedColormap.from_list("pheromone", _VIOLET)
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from antway.tours.plan import Route, TourPlan
 from antway.view import stops, style
 
-COLOURS = (style.BLUE, style.ORANGE, style.TEAL, style.PURPLE, style.OCHRE, style.CYAN)
 MOST_NUMBERED = 60  # stops that are numbered on the map; more are dots
 MOST_LISTED = 40  # stops that the schedule has a row for
 
@@ -61,7 +60,7 @@ def _draw_route(axes: Axes, tour: TourPlan, route: Route, k: int) -> None:
     """Draw where one robot drives, with arrows in the direction of travel."""
     if not route.legs:
         return
-    colour, several = COLOURS[k % len(COLOURS)], len(tour.routes) > 1
+    colour, several = style.COLOURS[k % len(style.COLOURS)], len(tour.routes) > 1
     label = f"robot {k + 1}: {route.length:,.1f} m in {route.duration:,.0f} s" if several else "path"
     wide = 1.8 if len(route.order) <= MOST_NUMBERED else 1.1
     legs = [plan.xy(tour.task.grid) for plan in route.legs]
@@ -95,7 +94,7 @@ def _draw_stops(axes: Axes, tour: TourPlan, visits: int, points_per_metre: float
     task, numbered, size = tour.task, visits <= MOST_NUMBERED, stops.number_size(visits)
     look: dict[str, Any] = {"linestyle": "", "clip_on": False}
     shown = [
-        (stop, n, style.RED if _late(tour, route, n) > 0 else COLOURS[k % len(COLOURS)])
+        (stop, n, style.RED if _late(tour, route, n) > 0 else style.COLOURS[k % len(style.COLOURS)])
         for k, route in enumerate(tour.routes)
         for n, stop in enumerate(route.order.tolist())
     ]
@@ -128,7 +127,7 @@ def _draw_schedule(axes: Axes, tour: TourPlan) -> None:
     last = max(1e-9, tour.duration, *(w for w in task.windows[:, 1].tolist() if math.isfinite(w)))
     last = min(last, 1.6 * max(tour.duration, 1e-9))
     for k, route in enumerate(tour.routes):
-        colour = COLOURS[k % len(COLOURS)]
+        colour = style.COLOURS[k % len(style.COLOURS)]
         if len(tour.routes) > 1:
             axes.text(0.0, row, f"robot {k + 1}", va="center", color=colour, weight="bold", fontsize=7.5)
             ticks.append(row)

@@ -61,6 +61,15 @@ def start_cell(grid: Grid, inflated: Grid, xy: XY, cells: int, radius: float) ->
     return nearest_free(grid, inflated, xy, cells, (1.0 - DEEPEST) * radius) if found is None else found
 
 
+def diagonal_radius(task: Task) -> float:
+    """Return the radius of the inflation that lets the robot's disc make every move between neighbouring free cells, m.
+
+    On cells that are narrower than the disc, a diagonal move comes nearer to a corner by at most half its length.
+    """
+    radius, size = task.robot.radius, task.grid.resolution
+    return radius if size >= 2 * radius else math.hypot(radius, size / math.sqrt(2))
+
+
 def goal_of_cells(task: Task) -> XY:
     """Return the end of a path over cells: the goal, or the nearest cell centre if the robot cannot be at that of the goal's.
 

@@ -213,9 +213,10 @@ def convex_footprint(field: str, value: object) -> tuple[tuple[float, float], ..
     return tuple((float(x), float(y)) for x, y in ordered)
 
 
-def _box(back: float, front: float, side: float) -> tuple[tuple[float, float], ...]:
-    """Return the footprint from `back` to `front` of the centre of rotation, and `side` to each side, m."""
-    return (back, -side), (front, -side), (front, side), (back, side)
+def _box(back: float, front: float, side: float, **limits: Any) -> RobotSpec:
+    """Return a rectangle on two wheels, from `back` to `front` of the centre of rotation, and `side` m to each side."""
+    corners = ((back, -side), (front, -side), (front, side), (back, side))
+    return RobotSpec(drive="differential", footprint=corners, **limits)
 
 
 # name: (the specification, where its numbers come from)
@@ -227,29 +228,11 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
         "a disc of 0.3 m on two wheels: the robot of antway's tables on wheels",
     ),
     "turtlebot3_burger": (
-        RobotSpec(
-            v_max=0.22,
-            v_reverse=0.22,
-            a_max=2.5,
-            turn_rate=2.75,
-            alpha_max=3.2,
-            footprint=_box(-0.105, 0.041, 0.105),
-            sensor_range=3.5,
-            drive="differential",
-        ),
+        _box(-0.105, 0.041, 0.105, v_max=0.22, v_reverse=0.22, a_max=2.5, turn_rate=2.75, alpha_max=3.2, sensor_range=3.5),
         "ROBOTIS-GIT/turtlebot3, turtlebot3_navigation/param: dwa_local_planner_params_burger, costmap_common_params_burger",
     ),
     "turtlebot3_waffle": (
-        RobotSpec(
-            v_max=0.26,
-            v_reverse=0.26,
-            a_max=2.5,
-            turn_rate=1.82,
-            alpha_max=3.2,
-            footprint=_box(-0.205, 0.077, 0.145),
-            sensor_range=3.5,
-            drive="differential",
-        ),
+        _box(-0.205, 0.077, 0.145, v_max=0.26, v_reverse=0.26, a_max=2.5, turn_rate=1.82, alpha_max=3.2, sensor_range=3.5),
         "ROBOTIS-GIT/turtlebot3, turtlebot3_navigation/param: dwa_local_planner_params_waffle, costmap_common_params_waffle",
     ),
     "turtlebot4": (
@@ -258,21 +241,15 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
         "mode); turtlebot/turtlebot4, turtlebot4_navigation/config/nav2.yaml (angular acceleration 3.2 rad/s^2)",
     ),
     "jackal": (
-        RobotSpec(
-            v_max=2.0,
-            v_reverse=2.0,
-            a_max=2.0,
-            turn_rate=4.0,
-            alpha_max=6.0,
-            footprint=_box(-0.254, 0.254, 0.215),
-            sensor_range=8.0,
-            drive="differential",
-        ),
+        _box(-0.254, 0.254, 0.215, v_max=2.0, v_reverse=2.0, a_max=2.0, turn_rate=4.0, alpha_max=6.0, sensor_range=8.0),
         "Clearpath Jackal, 508 x 430 mm, 2.0 m/s and 4.0 rad/s (jackal/jackal, jackal_control/config/control.yaml); the "
         "20 m/s^2 and 25 rad/s^2 are too large to limit anything; 2 m/s^2 and 6 rad/s^2 are what tyres can transmit to a floor",
     ),
     "amr": (
-        RobotSpec(
+        _box(
+            -0.5,
+            0.5,
+            0.35,
             v_max=1.5,
             v_reverse=0.3,
             a_max=0.7,
@@ -280,9 +257,7 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
             turn_rate=1.2,
             alpha_max=1.5,
             latency=0.1,
-            footprint=_box(-0.5, 0.5, 0.35),
             sensor_range=8.0,
-            drive="differential",
         ),
         "a warehouse robot of 1.0 x 0.7 m with the limits that such robots have when loaded: no one maker's",
     ),

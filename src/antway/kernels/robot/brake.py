@@ -21,17 +21,7 @@ from antway.kernels.base.rows import copy_row
 from antway.kernels.robot.cycle import next_segment
 from antway.kernels.robot.motion import REST, drive_roughly
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y
-from antway.kernels.robot.sweep import (
-    DIRECTIONS,
-    Body,
-    Segment,
-    axis_gap,
-    disc_axis,
-    enlarged,
-    meets_wall,
-    pose,
-    straight,
-)
+from antway.kernels.robot.sweep import DIRECTIONS, Body, Segment, axis_gap, disc_axis, enlarged, meets_wall, pose, straight
 
 TURN, CYCLES, SIDE = range(3)  # entries of the guard's state: turn rate of the kept stop, its cycles left, last side taken
 STRAIGHT = 0.01  # rad/s; a smaller turn rate counts as none

@@ -96,13 +96,7 @@ def harm(
 
 @kernel
 def least_harm(
-    state: RobotState,
-    cx: float,
-    cy: float,
-    tracks: NDArray[np.float64],
-    limits: RobotLimits,
-    dt: float,
-    terrain: Terrain,
+    state: RobotState, cx: float, cy: float, tracks: NDArray[np.float64], limits: RobotLimits, dt: float, terrain: Terrain
 ) -> tuple[float, float]:
     """Return the command (vx, vy) of least `harm` that is clear of walls.
 

@@ -9,21 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
-from antway.kernels.search.buckets import (
-    BOUND,
-    CUT,
-    EXPANDED,
-    FREE,
-    KEY,
-    KEYS,
-    LAST,
-    LIMIT,
-    USED,
-    Queue,
-    put,
-    reset,
-    take,
-)  # fmt: skip
+from antway.kernels.search.buckets import BOUND, CUT, EXPANDED, FREE, KEY, KEYS, LAST, LIMIT, USED, Queue, put, reset, take
 from antway.kernels.search.canonical import COL, ROW, START, Lattice
 from antway.kernels.search.jps import jump, place, place_beside
 from antway.kernels.search.lengths import DIAGONAL, STRAIGHT, octile

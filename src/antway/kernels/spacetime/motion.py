@@ -128,12 +128,7 @@ def place_at(knots: NDArray[np.float64], t: float) -> tuple[float, float, int]:
 
 
 @shared_kernel
-def shorten(
-    context: PlanningContext,
-    predictions: Predictions,
-    knots: NDArray[np.float64],
-    out: NDArray[np.float64],
-) -> int:
+def shorten(context: PlanningContext, predictions: Predictions, knots: NDArray[np.float64], out: NDArray[np.float64]) -> int:
     """Write to `out` a motion without new conflicts that is nowhere later than `knots`; return its number of knots.
 
     From each vertex it goes straight to the farthest of the next LOOK vertices that it reaches no later than before, with the

@@ -81,12 +81,7 @@ class Moving(NamedTuple):
 
 @kernel
 def sipp(
-    moving: Moving,
-    start: tuple[float, float],
-    now: float,
-    segments: Segments,
-    max_expanded: int,
-    ws: Workspace,
+    moving: Moving, start: tuple[float, float], now: float, segments: Segments, max_expanded: int, ws: Workspace
 ) -> tuple[int, int, int, float]:
     """Find the earliest arrival of a disc among moving discs: A* over safe intervals with the exact field as heuristic.
 

@@ -387,7 +387,7 @@ class AntwayPolicy:
             return command
         s = self._state
         others = None if s.controls is None else s.controls.others()
-        return self.guard.passed(s.tracker.for_guard(o, self.mode == "strict"), command, others)
+        return self.guard.passed(s.tracker.for_guard(o), command, others)
 
     def _planned(self) -> TimedPath | None:
         """Return a copy of the plan in use, or the path of the best ant in the space of controls."""

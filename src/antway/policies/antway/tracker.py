@@ -169,14 +169,14 @@ class Tracker:
             call(kalman.raise_variances, *self.table[:2], self._largest, worse)
             self._largest = worse
 
-    def for_guard(self, seen: Observation, strict: bool) -> Observation:
+    def for_guard(self, seen: Observation) -> Observation:
         """Return the observation with the tracks that the guard is given: measurements if they are exact, else estimates.
 
         A strict guard keeps the measurements, because estimates from wrong velocities would drift away from them; they get the
         covariance that their innovations show.
         """
         noisy, covariance = self._noise[noise.PLACE] > _NOISY, seen.tracks.covariance
-        if strict and covariance is None:
+        if self._strict and covariance is None:
             return self._with_noise(seen) if noisy else seen
         if covariance is not None or noisy or not self._has_velocities:
             return self._as_estimated(seen)

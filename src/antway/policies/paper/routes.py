@@ -15,7 +15,7 @@ from antway.kernels.search.distance_field import STRAIGHT
 from antway.planning import TimedPath
 from antway.search.derived import lattice
 from antway.search.distance_field import DijkstraField
-from antway.world.line_of_sight import clear, nearest_free
+from antway.world.line_of_sight import clear, diagonal_radius, nearest_free
 from antway.world.policy import XY, Command, Observation, Task
 
 STOP = Command((0.0, 0.0))
@@ -54,14 +54,12 @@ class Routes:
     Attributes
     ----------
     inflated : Grid
-        The map inflated so that the robot's disc fits on every legal move between free cells. For cells at least as wide as the
-        robot this is the plain inflation; on finer ones a diagonal comes nearer to a corner by at most half its length.
+        The map inflated by `diagonal_radius`.
     """
 
     def __init__(self, task: Task) -> None:
-        radius, size = task.robot.radius, task.grid.resolution
         self.task = task
-        self.inflated = task.grid.inflate(radius if size >= 2 * radius else math.hypot(radius, size / math.sqrt(2)))
+        self.inflated = task.grid.inflate(diagonal_radius(task))
         goal = self.cell(task.goal)
         self.home = None if goal is None else PathsFrom(self.inflated, goal)
         robot = task.robot
