@@ -58,7 +58,7 @@ def test_turns_are_those_that_the_slow_twin_counts() -> None:
 
 
 def test_a_wrong_velocity_in_the_first_scan_of_a_track_is_no_turn() -> None:
-    """Many trackers report 0 then; it counted as a turn, for the whole episode, and robots on wheels kept away from everybody."""
+    """Many trackers report 0 then. It counted as a turn of the whole episode, and robots on wheels kept away from everybody."""
     table, turns = make_table(16, COLUMNS), np.array([FIRST_SECONDS, 0.0, 0.0])
     for i in range(20):
         estimates = np.array([[1.0 + 0.1 * i, 2.0, 1.0 if i % 10 else 0.0, 0.0, 0.3, 0.0, 0.0, float(i // 10)]])

@@ -26,6 +26,8 @@ _SHOWN = 6.0  # s; a decision contains the prediction up to this time ahead
 _STANDS = 1.0  # s; an explanation is renewed after this time, even if the plan stays
 _DOUBT = "the velocities of obstacles that the sensor reports do not fit their places and are not used"
 _LATE = 0.05  # s; a robot that loses less time than this is not held up
+_AWAY = 2.0  # s; a robot on wheels that loses more time than its plan by what it drives next keeps away from obstacles
+_STEP = 0.1  # s; a plan is looked at in steps of this length
 
 
 def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.float32]] | None, memory: Memory) -> Decision:
@@ -106,7 +108,10 @@ def explain(
         how = manner(kind, velocity, path, now.segments_of(k), now.now)
         stays = (path.xy[np.searchsorted(path.t, now.now, side="right") :] == path.xy[-1]).all()
         wait = f"wait {waiting:.1f} s" if waiting > 0.0 else "stand for now" if stands else ""
-        does = wait if waiting > 0.0 and stays else ", ".join(filter(None, (wait, how)))
+        past = "" if waiting > 0.0 and stays else how
+        if kind == "standing" and _leads_through(path, now, k):
+            past = "nothing leads past it"
+        does = ", ".join(filter(None, (wait, past)))
         if action == "follow":
             action = "wait" if stands else "avoid"
         whom = f"obstacle {name}" if name >= 0 else "an obstacle"
@@ -115,6 +120,9 @@ def explain(
     elif late > _LATE:
         reason = "a detour around what moves" if late < math.inf else "no motion that gets nearer to the goal is known"
         action = "wait" if stands and action == "follow" else action
+    elif len(now.estimates) and now.cost(path) > _AWAY:
+        reason = "the plan is free, but the robot keeps away from what moves"
+        action = "wait" if stands else "avoid" if action == "follow" else action
     if guard in _STEPS or guard == "slowed":
         reason += f"; guard: {guard}"
     return Decision(
@@ -160,6 +168,13 @@ def wait_of(path: TimedPath, now: float) -> float:
     while i < len(path.t) and (path.xy[i] == path.xy[i - 1]).all():
         i += 1
     return float(path.t[i - 1]) - now if i > start else 0.0
+
+
+def _leads_through(path: TimedPath, now: Snapshot, k: int) -> bool:
+    """Tell whether the rest of `path` leads through the place of track k, after the time for which it is predicted to stand."""
+    row, t = now.estimates[k], np.arange(now.now, float(path.t[-1]), _STEP)
+    x, y = (np.interp(t, path.t, path.xy[:, axis]) for axis in (0, 1))
+    return bool((np.hypot(x - row[X], y - row[Y]) < row[RADIUS] + now.settings.tubes.robot_radius).any())
 
 
 def _approach(now: Snapshot, row: Sequence[float], velocity: XY) -> tuple[float, float]:
