@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 from antway.arena.engines import Job, bench, table_jobs
-from antway.arena.environments import read_tracks, walks
 from antway.arena.store import Results, Row
 from antway.arena.suites import episodes
 from antway.arena.summary import paired
@@ -240,15 +239,6 @@ def test_a_warning_about_a_recording_is_given_once(tmp_path):
     said = subprocess.run(line, check=True, capture_output=True, text=True).stderr
     assert said.count("are times in s") == 1 and "milliseconds.csv: who walks does so at" in said
     assert "UserWarning" not in said
-
-
-def test_who_walks_to_and_fro_is_not_taken_for_slow(tmp_path, recwarn):
-    """He comes to little in an hour, but his times are in s."""
-    rows = [
-        f"{0.2 * k:.1f},{person},{1 + 6 * abs(0.2 * k / 6 % 2 - 1):.3f},{person}" for k in range(290) for person in range(4)
-    ]
-    (tmp_path / "guards.csv").write_text("\n".join(rows))
-    assert len(walks(read_tracks(tmp_path / "guards.csv"), "guards.csv")) == 4 and not recwarn.list
 
 
 def test_policies_of_others_repeat_themselves(tmp_path):

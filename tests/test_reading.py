@@ -145,6 +145,22 @@ def test_recordings_are_not_cut_short(monkeypatch, tmp_path):
         read_tracks(str(tmp_path / "t.csv"))
 
 
+def test_who_walks_to_and_fro_is_not_taken_for_slow(tmp_path, recwarn):
+    """He comes to little in an hour, but his times are in s."""
+    rows = [f"{0.2 * k:.1f},{person},{1 + 6 * abs(0.2 * k / 6 % 2 - 1):.3f},{person}" for k in range(290) for person in "0123"]
+    (tmp_path / "guards.csv").write_text("\n".join(rows))
+    assert len(walks(read_tracks(str(tmp_path / "guards.csv")), "guards.csv")) == 4 and not recwarn.list
+
+
+def test_equal_rows_of_a_recording_count_once(tmp_path):
+    """Two places of somebody at one time are refused by name."""
+    (tmp_path / "t.csv").write_text("0,1,0,0\n0,1,0,0\n1,1,1,0\n")
+    assert read_tracks(str(tmp_path / "t.csv")).tolist() == [[0.0, 1.0, 0.0, 0.0], [1.0, 1.0, 1.0, 0.0]]
+    (tmp_path / "t.csv").write_text("0,1,0,0\n0,1,0,5\n1,1,1,0\n")
+    with pytest.raises(BadScenario, match="two places of id 1 at 0 s"):
+        read_tracks(str(tmp_path / "t.csv"))
+
+
 def test_far_places_of_a_recording_begin_at_0(tmp_path):
     """UTM coordinates are too far away for an episode."""
     (tmp_path / "t.csv").write_text("0,1,512345,5412345.5\n1,1,512346,5412345\n")

@@ -340,7 +340,8 @@ def warmup_command(
     started = time.perf_counter()
     for what, seconds in warm_up(kinds or WARM, workers=os.cpu_count() or 1 if workers is None else workers):
         say(f"{what}: {seconds:.1f} s")
-    print(f"ready after {time.perf_counter() - started:.0f} s; kernels in {cache_folder() or 'the folders __pycache__'}")
+    folder = os.environ.get("NUMBA_CACHE_DIR") or cache_folder() or "the folders __pycache__"
+    print(f"ready after {time.perf_counter() - started:.0f} s; kernels in {folder}")
     return 0
 
 

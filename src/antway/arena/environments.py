@@ -147,11 +147,12 @@ def read_tracks(file: str) -> NDArray[np.float64]:
     """
     comma = Path(file).suffix.lower() == ".csv"
     table = _read_table(file, comma)
-    table = table[np.lexsort((table[:, 0], table[:, 1]))]
+    by_id = 1, 0, 2, 3
+    table = np.unique(table.take(by_id, axis=1), axis=0).take(by_id, axis=1)  # by id and then time, and equal rows once
     steps, same = np.diff(table[:, 0]), np.diff(table[:, 1]) == 0
     if (same & (steps <= 0)).any():
-        row = table[int(np.argmax(same & (steps <= 0)))]
-        raise BadScenario("tracks", row[:2].tolist(), "of one place for each time and id", where=file)
+        t, name = table[int(np.argmax(same & (steps <= 0))), :2].tolist()
+        raise BadScenario("tracks", f"two places of id {name:g} at {t:g} s", "of one place for each time and id", where=file)
     if not comma and same.any():
         found, times = np.unique(steps[same], return_counts=True)
         table[:, 0] *= 0.4 / found[np.argmax(times)]
