@@ -105,6 +105,35 @@ def test_what_else_could_be_done_is_weighed() -> None:
         assert (later < math.inf) == (motion is crosses), "who comes or stands in the way does not clear it"
 
 
+def test_nothing_leads_past_somebody_who_closes_the_only_path() -> None:
+    """The plan leads through their places after its horizon, and the robot was said to go round left."""
+    blocked = np.zeros((80, 120), np.bool_)
+    blocked[:, 59:61] = True
+    blocked[32:48, 59:61] = False
+    stand = [Obstacle(0.38, Line((6.0, y), (6.0, y), 0.0)) for y in (3.6, 4.4)]
+    closed = Scenario(world=World(Grid(blocked, 0.1), stand), start=(1.5, 4.0), goal=(10.5, 4.0), horizon=8.0)
+    said = [d.reason for _, d in run(closed, seed=1).trace.decisions if d.obstacle is not None]
+    assert said and all("nothing leads past it" in reason and "go round" not in reason for reason in said)
+
+
+def test_a_robot_on_wheels_that_keeps_away_says_so() -> None:
+    """It stood or drove away from the goal for seconds, while its plan was free, and said that the path is."""
+    rng, discs = np.random.default_rng(0), []
+    while len(discs) < 10:
+        places = [(rng.uniform(1, 17), rng.uniform(1, 11)) for _ in range(5)]
+        if math.dist(places[0], (2, 6)) > 1.8:
+            discs.append(Obstacle(0.27, Waypoints(places, rng.uniform(0.4, 1.2))))
+    hall = World(Grid(np.zeros((120, 180), np.bool_), 0.1), discs)
+    drive = Scenario(world=hall, robot=load_robot("turtlebot4"), start=(2.0, 6.0), goal=(16.0, 6.0), horizon=60.0)
+    trace = run(drive, seed=0).trace
+    known, said, free = dict(trace.decisions), None, Counter()
+    for k in range(20, len(trace)):
+        said = known.get(k, said)
+        back = said is not None and float(trace.velocity[k] @ ((16.0, 6.0) - trace.xy[k])) < 0.0
+        free[back, said is not None and said.reason == "the path is free"] += 1
+    assert free[True, False] > 30 and free[True, True] < 0.2 * free[True, False], free
+
+
 def test_waiting_costs_what_it_says() -> None:
     """In a corridor just as wide as one that crosses it, to wait is all there is; driven so, the path is free and no sooner."""
     blocked = np.zeros((20, 40), dtype=bool)
