@@ -23,8 +23,8 @@ _LESS_CLEARANCE = 0.1  # m; that clearance radius is smaller by this
 _FULL = 1.5  # s; the extra clearance grows linearly up to this time ahead, so that an approaching robot may lose it gradually
 _FINE = 1e-3  # m; a tube that would widen by less than this has one width
 _KNOWN = 1.0  # s; tubes do not widen after this time, because a new plan exists by then and wider tubes would close every path
-_IN_WALL = 0.1  # m; a track that is deeper in a wall, and by ...
-_SURE = 3.0  # 1; ... this many standard deviations of its place, is not mirrored there
+_IN_WALL = 0.1  # m; a track that is deeper in a wall than this is not mirrored there, if its place is known well enough
+_SURE = 3.0  # 1; a track counts as in a wall if it is so by this many standard deviations of its place
 
 
 class TubeMargins(NamedTuple):
