@@ -245,22 +245,6 @@ def test_predictions_are_mirrored_as_the_world_mirrors() -> None:
             assert piece[7] == pytest.approx(piece[6] + (speed + 0.05) * 0.1)
 
 
-def test_what_is_deep_in_a_wall_is_not_mirrored_there() -> None:
-    """The leaf of a sliding door, or somebody in a doorway that the map lacks, goes on unless the place may be an error."""
-    blocked = np.zeros((40, 40), dtype=bool)
-    blocked[:16] = True  # up to y = 1.6 m
-    for depth, sigma, goes_on in (
-        (0.02, 0.0, False),
-        (0.09, 0.0, False),
-        (0.11, 0.0, True),
-        (0.2, 0.1, False),
-        (0.3, 0.05, True),
-    ):
-        out, estimates = np.empty((64, 8)), np.array([[2.0, 2.0 - depth, 0.0, -0.5, 0.4, sigma, 0.0, 0.0]])
-        n = predict(estimates, 0.0, 0.0, 2.0, 3.5, 3.5, TubeMargins(0.3), terrain_of(Grid(blocked, 0.1)), NO_PREDICTIONS, out)
-        assert (out[n - 1, 5] == -0.5) == goes_on, (depth, sigma)
-
-
 def test_filter_is_the_textbook_one() -> None:
     """Without velocities the tracker equals a Kalman filter with matrices to 1e-12, for each axis."""
     rng = np.random.default_rng(9)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base import records
-from antway.kernels.base.geometry import first_wall, hits_walls, reflected
+from antway.kernels.base.geometry import first_wall, reflected
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import Terrain
 
@@ -23,8 +23,6 @@ _LESS_CLEARANCE = 0.1  # m; that clearance radius is smaller by this
 _FULL = 1.5  # s; the extra clearance grows linearly up to this time ahead, so that an approaching robot may lose it gradually
 _FINE = 1e-3  # m; a tube that would widen by less than this has one width
 _KNOWN = 1.0  # s; tubes do not widen after this time, because a new plan exists by then and wider tubes would close every path
-_IN_WALL = 0.1  # m; a track that is deeper in a wall than this is not mirrored there, if its place is known well enough
-_SURE = 3.0  # 1; a track counts as in a wall if it is so by this many standard deviations of its place
 
 
 class TubeMargins(NamedTuple):
@@ -72,14 +70,6 @@ def _at_edge(terrain: Terrain, row: float, col: float, n_row: float, n_col: floa
     rows, cols = terrain.blocked.shape
     row, col = row - n_row * radius, col - n_col * radius
     return bool(min(row + 0.5, rows - 0.5 - row, col + 0.5, cols - 0.5 - col) < 1e-3)
-
-
-@bare_kernel
-def _goes_through_walls(terrain: Terrain, estimate: NDArray[np.float64]) -> bool:
-    """Tell whether a track is so deep in a wall that the map must lack a door there, or that what moves is the door."""
-    depth = max(_IN_WALL, _SURE * estimate[SIGMA])
-    x, y, radius = estimate[X], estimate[Y], estimate[RADIUS]
-    return radius > depth and hits_walls(terrain, x, y, x, y, radius - depth, False)
 
 
 @bare_kernel
@@ -201,8 +191,6 @@ def predict(
                 terrain.blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, radius / size
             )
             mirrored = share <= 1.0 and mirrors < MIRRORS
-            if mirrored and mirrors == 0 and _goes_through_walls(terrain, estimates[k]):
-                mirrored, mirrors = False, MIRRORS
             if mirrored and not margins.edges:
                 fraction = share * (end - t) / size
                 mirrored = not _at_edge(terrain, row + vy * fraction, col + vx * fraction, n_row, n_col, radius / size)
