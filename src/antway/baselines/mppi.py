@@ -77,9 +77,17 @@ class Mppi(Follow):
             np.zeros((self.samples, steps, 2)),
             np.zeros(self.samples),
         )
-        used = {"progress": 0.02, "contact": 30.0, "decay": 0.3, "near": 0.2, "wall": 100.0, "wall_margin": self.wall_margin}
-        none = dict.fromkeys(CostWeights._fields, 0.0)
-        weights = CostWeights(**none | used | {"ramps": 1.0, "swerve": math.inf})
+        nothing = CostWeights(**dict.fromkeys(CostWeights._fields, 0.0))
+        weights = nothing._replace(
+            progress=0.02,
+            contact=30.0,
+            decay=0.3,
+            near=0.2,
+            wall=100.0,
+            wall_margin=self.wall_margin,
+            ramps=1.0,
+            swerve=math.inf,
+        )
         self.problem = ControlProblem(
             RobotState(0.0, 0.0, 0.0, 0.0, 0.0),
             finite_limits(robot),

@@ -21,7 +21,7 @@ _LEAST_MEMORY = 1.0  # s; an obstacle that was not seen for longer than this and
 _LEAVES = 1.0  # s; an obstacle whose velocity would have led it out of its place within this time was leaving, and is forgotten
 _MEMORY = 15.0  # s; an obstacle that stood is remembered for this long: a robot that goes round many sees only some at a time
 _STOOD = 0.5  # s; an obstacle whose stay is shorter did not stand
-_STILL = 0.2  # m; an obstacle whose box has a longer diagonal did not stand
+STILL = 0.2  # m; an obstacle whose box has a longer diagonal did not stand
 
 
 @bare_kernel
@@ -54,7 +54,7 @@ def update_stays(table: Table, estimates: NDArray[np.float64], seen: NDArray[np.
     rows, kept = table.rows, 0
     for i in range(table.used[0]):
         stay = rows[i, SEEN] - rows[i, SINCE]
-        stood = stay >= _STOOD and _diagonal(rows[i]) <= _STILL
+        stood = stay >= _STOOD and _diagonal(rows[i]) <= STILL
         memory = _LEAST_MEMORY if rows[i, LEAVING] else max(stay, _MEMORY if stood else _LEAST_MEMORY)
         if t - rows[i, SEEN] <= memory:
             if kept != i:

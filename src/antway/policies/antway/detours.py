@@ -29,7 +29,6 @@ _LATE = 1.0  # s; a plan that arrives later by this than the times to the goal s
 _DIFFERS = 1.0  # s; if it has done so for this time, the times are to count with those who stand
 _AGAIN = 10.0  # s; if a stay ends and the plan is not faster than these times, they are not computed anew before this
 _STANDS = 1.0  # s; whoever has stood for this time is expected to stand for as long as plans expect it
-_STILL = 0.2  # m; an obstacle whose box has a longer diagonal does not stand
 _ARRIVED = 0.5  # s; nearer to the goal than this, the robot has no use for detours
 
 
@@ -103,9 +102,9 @@ class Detours:
         if busy:
             return None
         rows = rows_in_use(self.stays)
-        # In a crowd stays end all the time.
-        due = self.horizon == 0.0 or arrival < t + to_go - _PROGRESS or t >= self._counted_at + _AGAIN
-        if due and self._expected and not self._expected <= _stays(rows):
+        # In a crowd stays end all the time, and each computation takes longer than the rest of a control cycle.
+        worthwhile = self.horizon == 0.0 or arrival < t + to_go - _PROGRESS or t >= self._counted_at + _AGAIN
+        if worthwhile and self._expected and not self._expected <= _stays(rows):
             return self._expect(t, self.contexts)
         if not t + to_go + _LATE < arrival < math.inf or to_go < _ARRIVED:
             self._agreed = t
@@ -150,8 +149,9 @@ class Detours:
 
     def _stands(self, rows: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Tell who of these is expected to stand until the horizon of plans, bool[N]."""
-        box = np.hypot(rows[:, stays.HIGH_X] - rows[:, stays.LOW_X], rows[:, stays.HIGH_Y] - rows[:, stays.LOW_Y])
-        return (self.horizon > 0.0) & (box <= _STILL) & (rows[:, SEEN] - rows[:, stays.SINCE] >= _STANDS - 1e-6)
+        return (
+            (self.horizon > 0.0) & (diagonals(rows) <= stays.STILL) & (rows[:, SEEN] - rows[:, stays.SINCE] >= _STANDS - 1e-6)
+        )
 
     def _counted(self, contexts: Contexts, rows: NDArray[np.float64], stay: NDArray[np.float64], xy: XY) -> Times:
         """Return the times where these obstacles are expected to stay for `stay` s: in `contexts` if they are shorter there."""
@@ -206,8 +206,8 @@ def without(context: PlanningContext, rows: NDArray[np.float64], xy: XY | None =
     Whoever moves about while he stays takes more room, but none that the robot at `xy` has.
     """
     size, mask = context.resolution, context.legal.reshape(context.rows, context.cols).copy()
-    for row, x, y in zip(rows, *middles(rows), strict=True):
-        spread = 0.5 * math.hypot(row[stays.HIGH_X] - row[stays.LOW_X], row[stays.HIGH_Y] - row[stays.LOW_Y])
+    for row, diagonal, x, y in zip(rows, diagonals(rows), *middles(rows), strict=True):
+        spread = 0.5 * diagonal
         contact = context.radius + row[stays.SIZE]
         if xy is not None:
             spread = min(spread, max(math.dist(xy, (x, y)) - contact, 0.0))
@@ -223,6 +223,11 @@ def without(context: PlanningContext, rows: NDArray[np.float64], xy: XY | None =
 def middles(rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return x and y of the middle of the place of each stay, m."""
     return 0.5 * (rows[:, stays.LOW_X] + rows[:, stays.HIGH_X]), 0.5 * (rows[:, stays.LOW_Y] + rows[:, stays.HIGH_Y])
+
+
+def diagonals(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the diagonal of the place of each stay, m."""
+    return np.hypot(rows[:, stays.HIGH_X] - rows[:, stays.LOW_X], rows[:, stays.HIGH_Y] - rows[:, stays.LOW_Y])
 
 
 def row_col(context: PlanningContext, xy: XY) -> tuple[int, int]:

@@ -15,7 +15,7 @@ from antway.kernels.base.jit import call
 from antway.kernels.base.rng import State, uniform
 from antway.kernels.tracking import stays
 from antway.kernels.tracking.table import NAMED, SEEN, rows_in_use
-from antway.policies.antway.detours import Detours, middles, node_near, without
+from antway.policies.antway.detours import Detours, diagonals, middles, node_near, without
 from antway.search.sipp import timed_field
 from antway.world.policy import XY, Observation, Task
 
@@ -91,8 +91,7 @@ class Yielding:
             return None
         self._due, k = t + _WAIT, int(away.argmin())
         other, paths = (float(x[k]), float(y[k])), _Paths(detours, rows[stay >= 0.5 * _WAIT], xy)
-        moved = math.hypot(rows[k, stays.HIGH_X] - rows[k, stays.LOW_X], rows[k, stays.HIGH_Y] - rows[k, stays.LOW_Y])
-        came = rows[k, stays.SINCE] > self._first[float(rows[k, NAMED])] or moved > _CAME
+        came = rows[k, stays.SINCE] > self._first[float(rows[k, NAMED])] or diagonals(rows)[k] > _CAME
         needed = _WAIT if came and math.isinf(paths.to(task.goal)) else _UNSURE
         if min(stay[k], t - self._since) < needed - 1e-6:
             return None
