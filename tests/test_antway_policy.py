@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections import Counter
 from dataclasses import replace
 from functools import partial
@@ -544,3 +546,33 @@ def test_the_explanation_says_that_the_guard_brakes_because_of_the_clock_or_the_
         policy.act(Observation(t, (1.0, 2.5), (0.0, 0.0), 0.0, Tracks.none(), stamp))
         said.append([word in policy.explain().reason for word in words])
     assert said == [[False, False], [True, False], [False, False], [False, True]]
+
+
+@pytest.mark.parametrize("robot", ["holonomic", "diff"])
+def test_no_kernel_is_loaded_in_the_first_cycles(robot: str) -> None:
+    """To load them takes longer than a control period, so `reset` does it."""
+    program = """if True:
+        import sys
+        from antway import load_scenario, make_policy
+        from antway.kernels.base import jit
+        from antway.world.episode import Episode
+        from antway.world.robots import load_robot
+
+        policy, loaded = make_policy("antway"), []
+        episode = Episode(load_scenario("office").driven_by(load_robot(sys.argv[1])), policy)
+        assert len(jit._entries) > 10
+        act = policy.act
+
+        def watched(observation):
+            before = set(jit._entries)
+            command = act(observation)
+            loaded.extend(kernel.__name__ for kernel in set(jit._entries) - before)
+            return command
+
+        policy.act = watched
+        for _ in range(30):
+            episode.step()
+        print(*loaded)
+    """
+    done = subprocess.run([sys.executable, "-c", program, robot], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []

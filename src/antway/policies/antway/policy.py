@@ -30,6 +30,7 @@ from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain_cycle
 from antway.policies.antway.nodes import contexts_for, is_turned, on_cells, with_fine_cells
+from antway.policies.antway.rehearsal import rehearse
 from antway.policies.antway.response import Response, tops
 from antway.policies.antway.settings import make_settings
 from antway.policies.antway.state import (
@@ -167,6 +168,7 @@ class AntwayPolicy:
         OutOfBounds, CellBlocked
             If the robot does not fit at the start or at the goal.
         """
+        rehearse(AntwayPolicy, task.robot, mode=self.mode, guard=self.guard is not None, controls=self.controls)
         self._heading, self._beside = math.nan, None
         self.state = self._made(task, seed, Response(task.robot), self._heading)
         if self.guard:

@@ -1,0 +1,58 @@
+"""Loads the kernels of control cycles before a robot drives: to read them from disk takes longer than a control period."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from antway.grid import Grid
+from antway.kernels.base.jit import PLAIN
+from antway.world.policy import Observation, Policy, Task, Tracks
+from antway.world.robots import RobotSpec
+
+_CYCLES = 3  # cycles are rehearsed; the second compares predictions with what came, and the third learns from that
+_SQUARE = ((0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2))  # m; a footprint
+_done: set[tuple[object, ...]] = set()  # rehearsals of this process
+
+
+def rehearse(make: Callable[..., Policy], robot: RobotSpec, **options: object) -> None:
+    """Drive through a small hall for a few cycles, if this process has not yet driven this kind of robot in this way.
+
+    Parameters
+    ----------
+    make : callable
+        Makes a policy from `options`.
+    robot : RobotSpec
+    **options : object
+        The arguments on which it depends which kernels the policy calls.
+    """
+    kind = _kind_of(robot)
+    what = (kind, *options.values())
+    if PLAIN or what in _done:
+        return
+    _done.add(what)
+    policy = make(**options)
+    policy.reset(Task(Grid(np.zeros((40, 60), bool), 0.1), kind, (1.0, 2.0), (5.0, 2.0)), 0)
+    for n in range(_CYCLES):
+        policy.act(_scan(kind, n * kind.dt))
+        policy.explain()
+
+
+def _kind_of(robot: RobotSpec) -> RobotSpec:
+    """Return a plain robot that is driven by the same kernels."""
+    return RobotSpec(
+        drive=robot.drive,
+        a_max=math.inf if robot.stepwise else 1.0,
+        turning_radius=0.5 if robot.drive == "ackermann" else 0.0,
+        latency=0.1 if robot.latency > 0.0 else 0.0,
+        footprint=None if robot.footprint is None else _SQUARE,
+        dynamics=robot.dynamics,
+    )
+
+
+def _scan(robot: RobotSpec, t: float) -> Observation:
+    """Return what the robot observes in the hall at `t` s, when somebody is about to cross its path."""
+    crossing = Tracks(np.array([1]), np.array([(3.0, 1.0 + t)]), np.array([(0.0, 1.0)]), np.array([0.25]))
+    return Observation(t, (1.0, 2.0), (0.0, 0.0), 0.0, crossing, pending=np.zeros((round(robot.latency / robot.dt), 2)))
