@@ -191,7 +191,10 @@ def test_what_is_odd_in_a_recording_is_told(tmp_path):
     with pytest.warns(UserWarning, match="2 steps are over 1 m long"):
         tracks(str(file))
     file.write_text('t,id,x,y\n"0","1","0","0"\n"0.4","1","nan","0"\n')
-    with pytest.raises(BadScenario, match=r"tracks, row 2 = \[0\.4, 1\.0, nan, 0\.0\]"):
+    with pytest.raises(BadScenario, match=r"tracks, line 3 = \[0\.4, 1\.0, nan, 0\.0\]"):
+        read_tracks(str(file))
+    file.write_text("# a recording\n\nt,id,x,y\n0,1,0,0\n\n# pause\n0.4,1,,0\n0.8,1,1,0\n")
+    with pytest.raises(BadScenario, match=r"tracks, line 7 = \"could not convert string '' to float64\": "):
         read_tracks(str(file))
 
 

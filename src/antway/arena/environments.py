@@ -7,6 +7,7 @@ import io
 import itertools
 import math
 import warnings
+from collections.abc import Iterable, Iterator
 from os.path import isfile
 from pathlib import Path
 
@@ -170,23 +171,27 @@ def _read_table(file: str, comma: bool) -> NDArray[np.float64]:
     allowed = "the columns frame, id, x, z, y, vx, vz, vy of an obsmat.txt, or frame, id, x, y"
     if comma:
         allowed = "CSV lines t,id,x,y, or with a heading that names these columns"
+    numbers: list[int] = []  # of the lines that were read as rows, from 1
     with opened(path, MAX_BYTES, error=BadScenario, field="tracks") as (data, _), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # about files without lines, whose shape is refused below
         try:
-            text = io.TextIOWrapper(data, encoding="utf-8-sig")
+            lines = enumerate(io.TextIOWrapper(data, encoding="utf-8-sig"), 1)
             # The heading may stand in a comment, as NumPy writes it; other comments say nothing.
-            heading = next((line for line in text if not line.startswith("#") or {*_COLUMNS} <= {*_names(line)}), "")
+            plain = (each for each in lines if each[1].strip())
+            first = next((each for each in plain if each[1][0] != "#" or {*_COLUMNS} <= {*_names(each[1])}), (0, ""))
+            heading, named = first[1], _names(first[1])
             skip = comma and any(c.isalpha() for c in heading.lower().replace("e", ""))
-            lines, named = text if skip else itertools.chain([heading], text), _names(heading)
             missing = [name for name in _COLUMNS if name not in named]
             if skip and missing:
                 raise ValueError(f"a heading without {', '.join(missing)}")
             used = [named.index(name) for name in _COLUMNS] if skip else None
+            rows = _rows(lines if skip else itertools.chain([first], lines), numbers)
             table = np.loadtxt(
-                lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS + 1, usecols=used, quotechar='"'
+                rows, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS + 1, usecols=used, quotechar='"'
             )
         except ValueError as error:
-            raise BadScenario("tracks", str(error), allowed, where=file) from None
+            field = f"tracks, line {numbers[-1]}" if numbers else "tracks"
+            raise BadScenario(field, str(error).partition(" at row")[0], allowed, where=file) from None
     if len(table) > MAX_ROWS:
         raise TooLarge("tracks", f"{len(table)} rows or more", f"at most {MAX_ROWS} rows", where=file)
     y = {4: 3} if comma else {4: 3, 8: 4}  # the column of y, by the number of columns
@@ -195,8 +200,16 @@ def _read_table(file: str, comma: bool) -> NDArray[np.float64]:
     sound = (np.abs(table) <= MAX_PLACE).all(axis=1)
     if not sound.all():
         row = int(np.argmin(sound))
-        raise BadScenario(f"tracks, row {row + 1}", table[row].tolist(), "finite numbers, up to 1e10", where=file)
+        raise BadScenario(f"tracks, line {numbers[row]}", table[row].tolist(), "finite numbers, up to 1e10", where=file)
     return table[:, (0, 1, 2, y[table.shape[1]])]
+
+
+def _rows(lines: Iterable[tuple[int, str]], numbers: list[int]) -> Iterator[str]:
+    """Yield the lines that are neither empty nor comments, and append the number of each to `numbers`."""
+    for number, line in lines:
+        if line.partition("#")[0].strip():
+            numbers.append(number)
+            yield line
 
 
 def _names(heading: str) -> list[str]:
