@@ -51,7 +51,7 @@ def _title(tour: TourPlan) -> str:
     visited = len(tour.task.stops) - len(tour.skipped)
     of = f" of {len(tour.task.stops)}" if tour.skipped else ""
     late = f", {tour.lateness:,.0f} s late" if tour.lateness > 0 else ""
-    plural = "s" if visited != 1 else ""
+    plural = "s" if len(tour.task.stops) != 1 else ""
     fleet = f" by {len(tour.routes)} robots" if len(tour.routes) > 1 else ""
     return f"Tour of {visited}{of} stop{plural}{fleet}: {tour.length:,.1f} m in {tour.duration:,.0f} s{late}"
 
