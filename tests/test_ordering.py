@@ -177,6 +177,39 @@ def test_what_cannot_be_is_late_or_infinite() -> None:
     assert not late.feasible and late.lateness == pytest.approx(18.0)
 
 
+def test_several_robots_are_little_late_where_all_must_be() -> None:
+    """No stop alone is better elsewhere, and few orders of all are less late than those found."""
+    rng, worse, late = np.random.default_rng(8), 0, 0
+    for case in range(cases(60, 1_000)):
+        n, robots = int(rng.integers(4, 6)), int(rng.integers(2, 4))
+        xy, begin = rng.random((n, 2)) * 10, rng.random(n) * 5
+        matrix, windows = np.hypot(*(xy[:, None] - xy[None]).T), np.c_[begin, begin + rng.random(n) * 4]
+        windows[0] = 0.0, math.inf
+        answer = order_stops(matrix, windows=windows, service=1.0, robots=robots, cycles=5, seed=case)
+        sound(answer, matrix, 0, None, robots, True)
+        if answer.feasible:
+            continue
+
+        def lateness(orders: list[list[int]]) -> float:
+            return naive.lateness(matrix.tolist(), windows.tolist(), [1.0] * n, math.inf, orders, False)  # noqa: B023
+
+        orders = [order.tolist() for order in answer.orders]
+        for stop in range(1, n):
+            rest = [[one for one in order if one != stop] for order in orders]
+            for k, order in enumerate(rest):
+                for place in range(1, len(order) + 1):
+                    assert (
+                        answer.lateness <= lateness([*rest[:k], [*order[:place], stop, *order[place:]], *rest[k + 1 :]]) + 1e-3
+                    )
+        least = math.inf
+        for order in itertools.permutations(range(1, n)):
+            for cuts in itertools.combinations_with_replacement(range(n), robots - 1):
+                ends = [0, *cuts, n - 1]
+                least = min(least, lateness([[0, *order[a:b]] for a, b in itertools.pairwise(ends)]))
+        late, worse = late + 1, worse + (answer.lateness > least + 1e-3)
+    assert late > case / 2 and worse <= late / 20
+
+
 @pytest.mark.parametrize("initial", [None, [0, 3, 1, 2]])
 def test_a_stop_of_priority_zero_is_left_out(initial: list[int] | None) -> None:
     """It would cost a way and collect nothing; only where the way through it is shorter it is a part of the tour."""

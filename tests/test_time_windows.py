@@ -73,6 +73,7 @@ def test_equal_to_all_permutations(makespan: bool) -> None:
             feasible += 1
             assert result.cost == pytest.approx(best, rel=1e-9), case
             assert result.bound <= best * (1 + 1e-9) and result.conflict == ()
+            assert result.bound == result.cost or not result.proven
         else:
             assert result.lateness > 0.0
     assert feasible > case / 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 
 import numpy as np
@@ -16,6 +17,7 @@ _ANNEALINGS = 8  # limit of annealings that share the budget; the best one count
 _ENOUGH = 250  # iterations per stop from which another annealing is better than a slower one
 _FIRST = 3  # number of looks at the clock after which the number of annealings is decided
 _HOT, _COLD = 3.0, 0.1  # initial and final temperature, in typical steps
+_PAIRED = 20  # limit of stops of which pairs are moved as well
 _PRICE = 3.0  # price of leaving out a stop of mean priority, in typical steps
 
 
@@ -134,18 +136,51 @@ def _order(stops: Stops, order: Order) -> Order:
 
 
 def _complete(stops: Stops, orders: list[Order], left: list[int], clock: Clock) -> list[Order]:
-    """Insert the stops that no robot can visit in time where the lateness is least.
+    """Insert the stops that no robot can visit in time where the lateness is least, and then move stops to reduce it.
 
     Once the clock is spent, robots go on to the nearest one from the ends of their routes.
     """
-    task = stops.matrix, stops.windows, stops.service, stops.deadline, stops.closed, stops.end is None
+    if not left:
+        return orders
     while left:
         hurry, found = clock.spent(), []
         for k, order in enumerate(orders):
             last = len(order) if stops.end is None else len(order) - 1
             stop = left[int(np.argmin(stops.matrix[order[last - 1], left])) if hurry else 0]
-            found.append((*kernel.least_late_place(*task, order, stop, last if hurry else 1), k, stop))
+            found.append((*_least_late(stops, order, stop, last if hurry else 1), k, stop))
         _, place, k, stop = min(found, key=lambda trial: trial[0])
         orders[k] = np.insert(orders[k], place, stop)
         left.remove(stop)
+    groups: list[tuple[int, ...]] = [(stop,) for stop in stops.inner.tolist()]
+    if len(groups) <= _PAIRED:
+        groups += itertools.permutations(stops.inner.tolist(), 2)
+    late, tried = _late(stops, orders), 0  # groups tried since the last gain
+    for group in itertools.cycle(groups):
+        if tried == len(groups) or clock.spent():
+            break
+        moved, tried = _moved(stops, orders, group), tried + 1
+        if (then := _late(stops, moved)) < late:
+            orders, late, tried = moved, then, 0
     return orders
+
+
+def _least_late(stops: Stops, order: Order, stop: int, first: int = 1) -> tuple[float, int]:
+    """Return how late the route is, and the place, if `stop` is inserted where that is least; see `kernel.least_late_place`."""
+    task = stops.matrix, stops.windows, stops.service, stops.deadline, stops.closed, stops.end is None
+    value, place = kernel.least_late_place(*task, order, stop, first)
+    return float(value), int(place)
+
+
+def _moved(stops: Stops, orders: list[Order], group: tuple[int, ...]) -> list[Order]:
+    """Return the routes after these stops have been taken out and put in again, one by one, where all are least late."""
+    orders = [order[~np.isin(order, group)] for order in orders]
+    for stop in group:
+        trials = [(*_least_late(stops, order, stop), _late(stops, [order])) for order in orders]
+        k = int(np.argmin([value - late if value < np.inf else np.inf for value, _, late in trials]))
+        orders[k] = np.insert(orders[k], trials[k][1], stop)
+    return orders
+
+
+def _late(stops: Stops, orders: list[Order]) -> float:
+    """Return the lateness of routes plus a millionth of their end times, s."""
+    return sum(late + 1e-6 * end for *_, end, late in map(stops.timing, orders))

@@ -174,15 +174,19 @@ def solve_tsptw(
     found = search(path, clock, makespan=makespan, cycles=cycles, seed=seed, target=good, initial=first)
     order = found.order[:-1]
     cost, late = evaluate(instance, order, makespan)
-    feasible, bound = late == 0.0, path.bound(makespan)
+    feasible = late == 0.0
+    proven = found.proven and feasible == (found.late == 0.0)  # `found` may be late by what `path` rounds
+    bound = path.bound(makespan)
+    if feasible:
+        bound = cost if proven else min(bound, cost)
     return TsptwResult(
         order.copy(),
         cost,
         feasible,
         late,
         tuple(sorted({node % n for node in found.conflict})),
-        found.proven and feasible == (found.late == 0.0),  # `found` may be late by what `path` rounds
-        min(bound, cost) if feasible else bound,
+        proven,
+        bound,
         found.cycles,
         np.array(found.history, dtype=np.float64).reshape(-1, 3),
         clock.elapsed(),
