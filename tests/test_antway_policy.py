@@ -333,6 +333,7 @@ def test_a_way_that_never_opens_ends_at_the_horizon() -> None:
     walled[:, 19] = True
     result = run(room(grid=Grid(walled, 0.25), horizon=5.0))
     assert result.outcome is Outcome.TIMEOUT and result.length == 0.0
+    assert result.reason == "the horizon of 5 s came first; the map has no path to the goal for this robot"
     assert result.trace.decisions[-1][1].action == "stuck"
 
 

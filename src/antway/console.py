@@ -286,7 +286,7 @@ def print_table(summaries: list[tuple[str, dict[str, Any]]]) -> None:
             _shown(n["length_ratio"] and round(100 * (n["length_ratio"] - 1), 1) + 0.0, "+.1f", " %"),
             str(n["waits"]),
             str(n["replans"]),
-            _shown(n["min_clearance"], ".2f", " m"),
+            _shown(n["min_clearance"], "z.2f", " m"),
             f"{_shown(n['cycle_ms_p50'], '.2f', '')} / {_shown(n['cycle_ms_p99'], '.2f', '')}",
         )
         for name, n in summaries

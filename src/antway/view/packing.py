@@ -22,7 +22,7 @@ def bits_to_base64(mask: NDArray[np.bool_]) -> str:
 
 def rounded(value: float, digits: int = 6) -> float | None:
     """Return a number with this many decimal places for JSON; None if it is not finite."""
-    return round(float(value), digits) if math.isfinite(value) else None
+    return round(float(value), digits) + 0.0 if math.isfinite(value) else None  # never -0.0
 
 
 def faint_scale(amount: NDArray[Any]) -> NDArray[Any]:

@@ -84,7 +84,7 @@ class EpisodeResult:
     order_ms: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def __repr__(self) -> str:
-        near = f", nearest {self.min_clearance:.2f} m" if math.isfinite(self.min_clearance) else ""
+        near = f", nearest {self.min_clearance:z.2f} m" if math.isfinite(self.min_clearance) else ""
         return f"EpisodeResult({self.outcome.value} after {self.time:.1f} s, {self.length:.2f} m driven{near})"
 
     def _repr_html_(self) -> str:
@@ -233,6 +233,8 @@ class Episode:
         if self.tour is not None:
             stage.end_at_goal(self.tour.homeward)
         self.outcome, self.reason = stage.drive(*controls)
+        if self.outcome is Outcome.TIMEOUT and self.decisions and self.decisions[-1][1].action == "stuck":
+            self.reason += f"; {self.decisions[-1][1].reason}"
         if self._fault and (self.outcome is Outcome.TIMEOUT or (self.outcome is None and stage.at_rest)):
             self.outcome, self.reason = Outcome.ERROR, self._fault
 
