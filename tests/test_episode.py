@@ -107,6 +107,7 @@ def test_a_failing_policy_ends_as_error_with_the_robot_stopped() -> None:
     for nothing in (None, (math.nan, 0.0), (math.inf, 1.0)):
         still = run(crossing(), Steer(lambda o, nothing=nothing: nothing), horizon=1.0)
         assert still.outcome is Outcome.TIMEOUT and still.length == 0.0
+        assert still.reason == "the horizon of 1 s came first; Steer gave no command of finite numbers"
     for value, named in (("east", "= 'east'"), ((0.1, 0.1, 0.1), "= (0.1, 0.1, 0.1)"), ((1, "a"), "= (1, 'a')")):
         wrong = run(crossing(), Steer(lambda o, value=value: value), horizon=1.0)
         assert wrong.outcome is Outcome.ERROR and f"command.velocity {named}" in wrong.reason, wrong.reason

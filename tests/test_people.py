@@ -260,15 +260,17 @@ def test_the_guard_knows_velocities_that_are_not_told() -> None:
 
 
 class _Nameless(AntwayPolicy):
-    """Policy antway with a sensor that reports no names, or the same name for all, in any order."""
+    """Policy antway with a sensor that reports the same name for all, or new names in each scan, in any order."""
 
-    def __init__(self, name: int) -> None:
+    def __init__(self, name: int | None) -> None:
         super().__init__()
-        self.name, self.rng = name, np.random.default_rng(1)
+        self.name, self.scans, self.rng = name, 0, np.random.default_rng(1)
 
     def act(self, observation: Observation) -> Command:
         seen, order = observation.tracks, self.rng.permutation(len(observation.tracks))
-        tracks = Tracks(np.full(len(seen), self.name), seen.xy[order], seen.velocity[order], seen.radius[order])
+        self.scans += 1
+        names = np.full(len(seen), self.name) if self.name is not None else 1_000 * self.scans + np.arange(len(seen))
+        tracks = Tracks(names, seen.xy[order], seen.velocity[order], seen.radius[order])
         return super().act(replace(observation, tracks=tracks))
 
 
@@ -290,9 +292,9 @@ def _time_with_names(robot: str) -> float:
 
 
 @pytest.mark.parametrize("robot", ["", "diff"])
-@pytest.mark.parametrize("name", [-1, 7])
-def test_tracks_without_names_are_followed_by_their_places(name: int, robot: str) -> None:
-    """A robot whose sensor gives no names, or the same one twice, is as fast as one that is given them."""
+@pytest.mark.parametrize("name", [-1, 7, None])
+def test_tracks_without_names_are_followed_by_their_places(name: int | None, robot: str) -> None:
+    """A robot whose sensor gives no names, the same one twice, or ever new ones is as fast as one that is given them."""
     assert _time(robot, lambda: _Nameless(name)) <= 1.15 * _time_with_names(robot)
 
 

@@ -76,10 +76,11 @@ def seeds_figure(histories: Mapping[str, Sequence[NDArray[np.float64]]], *, opti
         low, middle, high = np.quantile(best if optimum is None else 100 * (best / optimum - 1), (0.1, 0.5, 0.9), axis=0)
         axes.fill_between(made, low, high, color=colour, alpha=0.18, linewidth=0)
         axes.plot(made, middle, color=colour, linestyle=dash, linewidth=1.8, label=f"{name} ({len(group)} seeds)")
+    axes.fill_between([], [], [], color=style.INK, alpha=0.18, linewidth=0, label="10th to 90th percentile; lines: median")
     axes.set(xscale="log", xlabel="tours made", title="Convergence over seeds")
     axes.set_ylabel("best length" if optimum is None else "over the optimum (%)")
     style.graph(axes)
-    style.legend_below(axes, columns=3)
+    style.legend_below(axes, columns=2)
     return fig
 
 

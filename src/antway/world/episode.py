@@ -233,10 +233,18 @@ class Episode:
         if self.tour is not None:
             stage.end_at_goal(self.tour.homeward)
         self.outcome, self.reason = stage.drive(*controls)
-        if self.outcome is Outcome.TIMEOUT and self.decisions and self.decisions[-1][1].action == "stuck":
-            self.reason += f"; {self.decisions[-1][1].reason}"
+        if self.outcome is Outcome.TIMEOUT:
+            self.reason += self._hindered()
         if self._fault and (self.outcome is Outcome.TIMEOUT or (self.outcome is None and stage.at_rest)):
             self.outcome, self.reason = Outcome.ERROR, self._fault
+
+    def _hindered(self) -> str:
+        """Return what else is to be said of an episode that ends by its horizon."""
+        if not np.isfinite(self.stage.command[: self.stage.n]).all(axis=1).any():
+            return f"; {self.name} gave no command of finite numbers"
+        if self.decisions and self.decisions[-1][1].action == "stuck":
+            return f"; {self.decisions[-1][1].reason}"
+        return ""
 
     def _commanded(self, observation: Observation) -> Command | None:
         """Return the command of the policy, and record its time, which does not include explanations."""

@@ -203,13 +203,33 @@ def _unlikely(
 def needs_names(
     rows: NDArray[np.float64], used: NDArray[np.int64], t: float, name: NDArray[np.int64], xy: NDArray[np.float64]
 ) -> bool:
-    """Tell whether a track has no name, or is farther than `FAR` from where the one of its name was predicted at time `t` s."""
+    """Tell whether a track has no name, or one that is in doubt at time `t` s.
+
+    A known name is, if its track was predicted more than `FAR` away; a new one, if a track that is not in this scan was
+    predicted within that distance.
+    """
     for k in range(len(name)):
         if name[k] < 0:
             return True
         i = row_of(Table(rows, used, NAME), float(name[k]))
-        if i >= 0:
-            row, age = rows[i], t - rows[i, T]
-            if math.hypot(xy[k, 0] - row[X] - row[VX] * age, xy[k, 1] - row[Y] - row[VY] * age) > FAR:
+        if i >= 0 and _distance(rows[i], t, xy[k]) > FAR:
+            return True
+        for other in range(used[0] if i < 0 else 0):
+            if _distance(rows[other], t, xy[k]) <= FAR and not _has(name, rows[other, NAME]):
                 return True
     return False
+
+
+@bare_kernel
+def _has(names: NDArray[np.int64], name: float) -> bool:
+    found = False
+    for one in names:
+        found = found or float(one) == name
+    return found
+
+
+@bare_kernel
+def _distance(row: NDArray[np.float64], t: float, xy: NDArray[np.float64]) -> float:
+    """Return how far `xy` is from where a track was predicted at time `t` s, m."""
+    age = t - row[T]
+    return math.hypot(xy[0] - row[X] - row[VX] * age, xy[1] - row[Y] - row[VY] * age)
