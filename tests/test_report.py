@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 
@@ -158,6 +159,12 @@ def test_a_thumbnail_opens_the_replay(page, browser):
     assert "synthetic" in opened.value.locator("#title").inner_text()
     assert not printed and all(url.startswith(("file:", "blob:", "data:")) for url in asked)
     context.close()
+
+
+def test_a_trace_has_the_policys_name_as_it_was_given():
+    """Replays of the report show it, with its options."""
+    traces = (play(Job(episode, "sipp/predictions=frozen"))[1] for episode in episodes("synthetic", 1))
+    assert json.loads(next(filter(None, traces)))["policy"] == "sipp/predictions=frozen"
 
 
 def test_a_ratio_below_one_is_explained(rows):

@@ -349,6 +349,7 @@ def test_the_command_smooths(tmp_path) -> None:
     assert (tmp_path / "motion.png").stat().st_size > 10_000
     motion = Motion(**{name: np.array(values) for name, values in record["motion"].items()})
     check_motion(OFFICE, DIFF, motion)
+    assert record["motion_length"] == pytest.approx(motion.length) and record["motion_length"] < record["length"]
     words = CliRunner().invoke(app, [*asked, "--robot", "turtlebot4", "--smooth"])
     assert "along a curve" in words.stdout and "at full speed" in words.stdout
     for wrong in (

@@ -65,7 +65,7 @@ def play(job: Job) -> Answer:
     """Play an episode and measure it; errors of policies raise nothing."""
     episode = job.episode
     scenario, facts = stage(episode)
-    result = run(scenario, make_policy(job.policy), seed=episode.seed)
+    result = run(scenario, job.policy, seed=episode.seed)
     trace = result.trace
     assert trace is not None
     row = Row(
