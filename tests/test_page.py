@@ -100,8 +100,11 @@ def test_a_place_is_drawn(page: Any, tmp_path: Path) -> None:
     expect(page, "#reset").to_be_enabled()
     page.keyboard.press("p")
     page.fill("#pace", "0.6")
-    for place in ((13.5, 2.5), (13.5, 5.5), (14.5, 5.5)):
+    for place in ((13.5, 2.5), (13.5, 5.5), (7.5, 1.5), (14.5, 5.5)):
         page.mouse.click(*point(page, *place))
+        if place == (7.5, 1.5):  # in the wall that was drawn
+            expect(page, "#notice").to_contain_text("must be where the map is free")
+    expect(page, "#notice").to_be_hidden()
     page.click("#done")
     expect(page, "#done").to_be_hidden()
 

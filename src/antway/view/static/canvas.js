@@ -48,6 +48,13 @@ class Stage {
     this.fit();
   }
 
+  // Whether a point in metres is on the map and not in a wall.
+  isFree([px, py]) {
+    const { rows, cols, resolution, x, y } = this.map;
+    const [row, col] = [Math.floor((py - y) / resolution), Math.floor((px - x) / resolution)];
+    return row >= 0 && col >= 0 && row < rows && col < cols && !this.solid[row * cols + col];
+  }
+
   // Show another map of the same size and place.
   change(map) {
     this.map = map;

@@ -1,6 +1,6 @@
 // The tools that edit the scenario: each gesture on a stage becomes one request to the server.
 // `page` gives: scene, tool, brush, size and pace of a new obstacle, request(message), obstacleAt(view, [x, y], within) -> index or
-// -1, setDone(shown), redraw(). A gesture lasts from press to release; one of waypoints lasts from the first to the last of them.
+// -1, setDone(shown), notice(text), redraw(). A gesture lasts from press to release; one of waypoints lasts from the first to the last of them.
 import { pointOn } from "/common.js";
 
 const GRAB = 16; // pixels of the page; a press this near to start or goal takes hold of it
@@ -72,19 +72,21 @@ class Editor {
     page.redraw();
   }
 
-  // Add a waypoint; a press on the first or the last one ends the sequence.
+  // Add a waypoint where the map is free; a press on the first or the last one ends the sequence.
   waypoint(view, point, xy = view.stage.toWorld(...point)) {
-    const { gesture } = this;
+    const { gesture, page } = this;
+    page.notice(view.stage.isFree(xy) ? "" : "A waypoint must be where the map is free.");
+    if (!view.stage.isFree(xy)) return;
     if (gesture?.kind !== "waypoints") {
       this.gesture = { kind: "waypoints", view, points: [xy], xy };
-      this.page.setDone(true);
+      page.setDone(true);
     } else {
       const within = (GRAB * view.stage.unit) / view.stage.scale;
       const again = [gesture.points[0], gesture.points.at(-1)].some(([x, y]) => Math.hypot(x - xy[0], y - xy[1]) <= within / 2);
       if (again && gesture.points.length > 1) return this.finish();
       if (!again) gesture.points.push(xy);
     }
-    this.page.redraw();
+    page.redraw();
   }
 
   finish() {

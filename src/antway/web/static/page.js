@@ -16,7 +16,7 @@ const redraw = inNextFrame((time) => {
 const page = {
   scene: null, field: null, views: [], tool: "hand", brush: 1, size: 0.3, pace: 0.5, pending: null, playing: false, speed: 1, at: 0, steps: 0,
   show: Object.fromEntries(LAYERS.map(({ key, off }) => [key, !off])),
-  request: (message) => request(message), redraw, align, obstacleAt, askPolicies, setDone,
+  request: (message) => request(message), redraw, align, obstacleAt, askPolicies, setDone, notice,
 };
 const editor = new Editor(page);
 const send = connect("/live", (message) => {
