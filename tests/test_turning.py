@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from antway import Grid, Outcome, RobotSpec, Scenario, Task, World, check_episode, run
-from antway.kernels.controls.fields import turning_times
+from antway.kernels.controls.fields import fitting_poses, turning_times
 from antway.world.rollouts import static_field, static_time
 from common import cases
 from naive.turning import backup
@@ -24,12 +24,12 @@ def test_no_pose_is_bettered_by_a_single_arc(seed: int, v_reverse: float, radius
     rows, cols, headings, size = 9, 11, 12, 0.3
     times = np.hypot(*np.indices((rows, cols)) - np.array([4.0, 5.0])[:, None, None]) * size
     times[(rng.random((rows, cols)) < 0.15) & (times > 0.0)] = math.inf
-    poses = turning_times(times, headings, size, radius, 1.0, v_reverse, 10_000)
-    free = np.isfinite(times)
-    assert (np.isinf(poses) == ~free).all()
-    assert (poses[:, free] <= times[free] + 60.0).all()
+    fits = np.isfinite(times)[None] & (rng.random((headings, rows, cols)) > 0.1 * (seed % 2))
+    poses = turning_times(times, fits, size, radius, 1.0, v_reverse, 10_000)
+    assert (np.isinf(poses) == ~fits).all()
+    assert (poses <= np.where(fits, times, math.inf) + 60.0).all()
     for k in range(headings):
-        for row, col in np.argwhere(free & (times > 1.4 * size)).tolist():
+        for row, col in np.argwhere(fits[k] & (times > 1.4 * size)).tolist():
             at = k, row, col
             assert poses[at] == pytest.approx(backup(poses, times, at, size, radius, 1.0, v_reverse), abs=0.1)
 
@@ -38,7 +38,7 @@ def test_in_the_open_a_car_turns_before_it_comes_back() -> None:
     """Beside the straight line stands what Dubins' paths take: half a circle and more to what is behind."""
     side, size, radius = 81, 0.1, 1.0
     times = np.hypot(*np.indices((side, side)) - 40.0) * size
-    poses = turning_times(times, 24, size, radius, 1.0, 0.0, 80)
+    poses = turning_times(times, np.ones((24, side, side), bool), size, radius, 1.0, 0.0, 80)
     assert poses[0, 40, 20] == pytest.approx(2.0, abs=0.05)  # ahead
     behind = poses[12, 40, 20]  # 2 m behind: the shortest path there is a turn by 270 degrees less what the tangent saves
     tangent = math.sqrt(2.0**2 + 1.0**2 - 1.0**2)
@@ -50,7 +50,7 @@ def test_no_arc_leads_through_a_wall() -> None:
     """A car with a large turning radius drives long arcs; a wall thinner than they are is a wall all the same."""
     times = np.hypot(*np.indices((30, 30)) - 4.0) * 0.2
     times[12] = math.inf
-    poses = turning_times(times, 24, 0.2, 4.0, 1.0, 1.0, 200)
+    poses = turning_times(times, np.isfinite(times)[None].repeat(24, axis=0), 0.2, 4.0, 1.0, 1.0, 200)
     beyond = poses[:, 13:, :] - times[13:]
     assert beyond.min() > 50.0
 
@@ -79,3 +79,26 @@ def test_who_turns_at_once_needs_no_times_by_heading() -> None:
     ahead, behind = (static_time(field, (2.1, 0.3, heading, 0.0, 0.0)) for heading in (0.5 * math.pi, -0.5 * math.pi))
     assert ahead == pytest.approx(2.25, abs=0.2)
     assert behind > ahead + 3.0
+
+
+def test_a_body_fits_where_no_part_of_it_is_in_a_wall() -> None:
+    """Compared with points of the body, a centimetre apart; those nearer to a wall than 2 cm may be told either way."""
+    rng = np.random.default_rng(4)
+    blocked = rng.random((20, 24)) < 0.03
+    grid, size = Grid(blocked, 0.3), 0.3
+    car = replace(CAR, footprint=((0.9, 0.25), (-0.3, 0.25), (-0.3, -0.25), (0.9, -0.25)))
+    field = static_field(Task(grid, car, (3.0, 3.0), (3.0, 3.0)), np.hypot(*np.indices(blocked.shape) - 10.0) * size)
+    fits = fitting_poses(field, np.array([0.15, 0.15, 1.0 / size]), 8, *blocked.shape, 0.0)
+    assert 0.2 < fits.mean() < 0.9
+
+    def free(k: int, row: int, col: int, wider: float) -> bool:
+        """Whether the body, wider by this much on each side, is on the map and off all blocked cells."""
+        ahead, left = np.meshgrid(np.arange(-0.3 - wider, 0.9 + wider, 0.01), np.arange(-0.25 - wider, 0.25 + wider, 0.01))
+        cos, sin = math.cos(0.25 * math.pi * k), math.sin(0.25 * math.pi * k)
+        cols = np.floor(col + 0.5 + (cos * ahead - sin * left) / size).astype(int)
+        rows = np.floor(row + 0.5 + (sin * ahead + cos * left) / size).astype(int)
+        on_map = (rows >= 0) & (cols >= 0) & (rows < blocked.shape[0]) & (cols < blocked.shape[1])
+        return bool(on_map.all() and not blocked[rows, cols].any())
+
+    for k, row, col in np.ndindex(*fits.shape):
+        assert free(k, row, col, -0.02) if fits[k, row, col] else not free(k, row, col, 0.02)

@@ -313,7 +313,11 @@ def smooth_plan(path: Plan, grid: Grid, robot: RobotSpec, seed: int, out: Path |
         record |= {name: getattr(found, name) for name in ("reason", "bound", "stop_time", "elapsed")}
         if motion is not None:
             names = ("t", "xy", "heading", "velocity", "turn_rate")
-            record |= {"time": motion.time, "motion_length": motion.length, "motion": {name: getattr(motion, name).tolist() for name in names}}
+            record |= {
+                "time": motion.time,
+                "motion_length": motion.length,
+                "motion": {name: getattr(motion, name).tolist() for name in names},
+            }
         print_json(record)
     elif motion is None:
         print(f"no motion found: {found.reason}")

@@ -30,19 +30,21 @@ def backup(
             r, c = row + sign * y / size, col + sign * x / size
             if not (0.0 <= r <= times.shape[0] - 1 and 0.0 <= c <= times.shape[1] - 1):
                 continue
-            if np.isinf(times[math.floor(r + 0.5), math.floor(c + 0.5)]):
+            then = (k + side) % headings
+            if np.isinf(poses[then, math.floor(r + 0.5), math.floor(c + 0.5)]):
                 continue
             looks = math.ceil(math.hypot(r - row, c - col) - 1e-9)
             shares_of_it = [i / looks for i in range(1, looks)]
             there = [(math.floor(row + (r - row) * one + 0.5), math.floor(col + (c - col) * one + 0.5)) for one in shares_of_it]
-            if any(np.isinf(times[cell]) for cell in there):
+            # the body has room on the first half of the way in the heading before, on the second half in the one after
+            if any(np.isinf(poses[k if one < 0.5 else then][cell]) for one, cell in zip(shares_of_it, there)):
                 continue
             shares = {}
             for i in (math.floor(r), math.floor(r) + 1):
                 for j in (math.floor(c), math.floor(c) + 1):
                     share = (1.0 - abs(r - i)) * (1.0 - abs(c - j))
-                    if share > 0.0 and np.isfinite(times[i, j]):
+                    if share > 0.0 and np.isfinite(poses[then, i, j]):
                         shares[i, j] = share
-            after = sum(share * poses[(k + side) % headings][cell] for cell, share in shares.items()) / sum(shares.values())
+            after = sum(share * poses[then][cell] for cell, share in shares.items()) / sum(shares.values())
             least = min(least, length / speed + after)
     return least

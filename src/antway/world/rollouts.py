@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits, RobotState
 from antway.kernels.controls.abreast import BATCH, ROWS
-from antway.kernels.controls.fields import beyond_walls, turning_times, wall_distance
+from antway.kernels.controls.fields import beyond_walls, fitting_poses, turning_times, wall_distance
 from antway.kernels.controls.problem import COLUMNS, Batch, Outlook, StaticField
 from antway.kernels.controls.seeds import descent_points
 from antway.world.manoeuvres import manoeuvre_losses
@@ -30,6 +30,7 @@ _SPANNED = 4  # intended number of cells of these times in a turning radius, wit
 _FINEST = 0.25  # m; largest edge of such a cell, within the limit _POSES
 _POSES = 150_000  # limit of cells times headings; so many take a few tenths of a second
 _PARTS = 4  # limit of parts into which the edges of larger cells are divided
+_SLACK = 0.25  # cells; a body that is in a wall by less than this at a cell's centre may have room elsewhere in the cell
 _SWEEPS = 80  # limit of sweeps over all poses
 _BEYOND = 0.005  # m; the discs that cover a footprint extend beyond it by this much
 _FAST = 1e3  # m/s^2, rad/s^2; replaces infinite limits
@@ -80,7 +81,7 @@ def with_times(field: StaticField, task: Task, time_to_goal: NDArray[np.float64]
     grid, v_max, size, (x, y, _) = task.grid, task.robot.v_max, task.grid.resolution, task.grid.origin
     near = _to_the_goal_itself(time_to_goal, grid, v_max, task.goal)
     time = beyond_walls(near - _tolerance(task) / v_max, 2.0 * size / v_max, _LAYERS)
-    frame, (turning, turning_frame) = np.array([x + size / 2, y + size / 2, 1.0 / size]), _by_heading(near, grid, task.robot)
+    frame, (turning, turning_frame) = np.array([x + size / 2, y + size / 2, 1.0 / size]), _by_heading(near, field, task)
     return field._replace(time=time, time_frame=frame, turning=turning, turning_frame=turning_frame)
 
 
@@ -107,12 +108,13 @@ def make_batch(length: float, summed: bool = False) -> Batch:
 
 
 def _by_heading(
-    time_to_goal: NDArray[np.float64], grid: Grid, robot: RobotSpec
+    time_to_goal: NDArray[np.float64], map_field: StaticField, task: Task
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """Return times of a car by heading, and their frame: `StaticField.turning` and `StaticField.turning_frame`.
 
     They are empty for other robots, and if the map is too large for cells on which a car's arcs can be told apart.
     """
+    grid, robot = task.grid, task.robot
     if robot.turning_radius == 0.0:
         return np.empty((0, 0, 0), np.float32), np.zeros(3)
     fine = max(int(min(robot.turning_radius / _SPANNED, _FINEST) / grid.resolution), 1)  # cells that become one
@@ -126,9 +128,13 @@ def _by_heading(
     rows, cols = (np.arange(0, side, fine) for side in grid.shape)
     times = np.minimum.reduceat(np.minimum.reduceat(time_to_goal, rows, axis=0), cols, axis=1)
     times = (times - least).repeat(parts, axis=0).repeat(parts, axis=1)
-    poses = turning_times(times, headings, size, robot.turning_radius, robot.v_max, robot.v_reverse, _SWEEPS)
+    frame = np.array([grid.origin[0] + size / 2, grid.origin[1] + size / 2, 1.0 / size])
+    fits = np.isfinite(times)[None].repeat(headings, axis=0)
+    if robot.footprint is not None:
+        fits &= fitting_poses(map_field, frame, headings, times.shape[0], times.shape[1], _SLACK * size)
+    poses = turning_times(times, fits, size, robot.turning_radius, robot.v_max, robot.v_reverse, _SWEEPS)
     field = np.array([beyond_walls(one, 2.0 * size / robot.v_max, _LAYERS) for one in (*poses, times)])
-    return field, np.array([grid.origin[0] + size / 2, grid.origin[1] + size / 2, 1.0 / size])
+    return field, frame
 
 
 def static_time(field: StaticField, state: RobotState) -> float:

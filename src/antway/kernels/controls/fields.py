@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import inner_kernel, kernel
+from antway.kernels.controls.lookup import clearance
+from antway.kernels.controls.motion import MotionState
+from antway.kernels.controls.problem import StaticField
 
 _SETTLED = 0.05  # s; the iteration of a car's times ends when no time changes by more than this
 _STEP = 1.4  # cells; length of a car's straight step, which ends nearest to one of the neighbouring cells
@@ -109,8 +112,26 @@ def _beside(times: NDArray[np.float64], i: int, j: int, step: float) -> float:
 
 
 @kernel
+def fitting_poses(
+    field: StaticField, frame: NDArray[np.float64], headings: int, rows: int, cols: int, slack: float
+) -> NDArray[np.bool_]:
+    """Tell of each heading and cell whether the robot's body is in no wall by more than `slack` m, bool[headings, rows, cols].
+
+    `frame` is that of the cells' centres, as in `StaticField`, and heading k is 2 pi k / headings, rad.
+    """
+    fits = np.empty((headings, rows, cols), np.bool_)
+    for k in range(headings):
+        cos, sin = math.cos(2.0 * math.pi * k / headings), math.sin(2.0 * math.pi * k / headings)
+        for r in range(rows):
+            for c in range(cols):
+                at = MotionState(frame[0] + c / frame[2], frame[1] + r / frame[2], cos, sin, 0.0, 0.0)
+                fits[k, r, c] = clearance(field, at, 0.0) >= -slack
+    return fits
+
+
+@kernel
 def turning_times(
-    times: NDArray[np.float64], headings: int, size: float, radius: float, v_max: float, v_reverse: float, sweeps: int
+    times: NDArray[np.float64], fits: NDArray[np.bool_], size: float, radius: float, v_max: float, v_reverse: float, sweeps: int
 ) -> NDArray[np.float64]:
     """Return the time to the goal from each cell and heading for a car that goes straight or turns at its turning radius, s.
 
@@ -118,8 +139,8 @@ def turning_times(
     ----------
     times : float64[H, W]
         The time of a robot that turns in no time. It is infinite where the robot's centre cannot be, and 0 at the goal.
-    headings : int
-        Heading k is 2 pi k / headings, rad.
+    fits : bool[headings, H, W]
+        Whether the robot's body has room in each cell and heading; heading k is 2 pi k / headings, rad.
     size, radius : float
         Edge of a cell and turning radius, m.
     v_max, v_reverse : float
@@ -131,7 +152,7 @@ def turning_times(
     -------
     float64[headings, H, W]
         At most 60 s more than `times`. Poses without a path to the goal have that value; a car without reverse in front of a
-        wall is an example.
+        wall is an example. Infinite where the body has no room.
 
     Notes
     -----
@@ -139,9 +160,8 @@ def turning_times(
     at its end, interpolated between cells. An arc turns from one heading to the next, and a straight step is 1.4 cells long.
     Nearer to the goal than that, the heading does not matter.
     """
-    rows, cols = times.shape
-    by_heading = np.empty((headings, rows, cols))
-    by_heading[:] = times
+    headings, rows, cols = fits.shape
+    by_heading = np.where(fits, times, np.inf)
     steps = _steps_of_car(headings, size, radius, v_max, v_reverse)
     may = np.zeros((headings, 6, rows, cols), np.bool_)  # whether a step crosses only free cells
     for k in range(headings):
@@ -149,7 +169,7 @@ def turning_times(
             if steps[k, n, 3] < math.inf:
                 for r in range(rows):
                     for c in range(cols):
-                        may[k, n, r, c] = _leads_over_free(times, r, c, steps[k, n, 1], steps[k, n, 2])
+                        may[k, n, r, c] = _leads_over_free(by_heading, k, r, c, steps[k, n])
     sweep, change = 0, math.inf
     while change > _SETTLED and sweep < sweeps:
         change = 0.0
@@ -159,7 +179,7 @@ def turning_times(
                 r = m if sweep & 2 else rows - 1 - m
                 for n in range(cols):
                     c = n if sweep & 4 else cols - 1 - n
-                    if times[r, c] * v_max <= _STEP * size or math.isinf(times[r, c]):
+                    if times[r, c] * v_max <= _STEP * size or math.isinf(by_heading[k, r, c]):
                         continue
                     best = times[r, c] + _STUCK
                     for j in range(6):
@@ -191,13 +211,18 @@ def _steps_of_car(headings: int, size: float, radius: float, v_max: float, v_rev
 
 
 @inner_kernel
-def _leads_over_free(times: NDArray[np.float64], r: int, c: int, rows: float, cols: float) -> bool:
-    """Tell whether the straight line from a cell over (rows, cols) crosses only free cells, tested once in a cell."""
-    if not (0.0 <= r + rows <= times.shape[0] - 1.0 and 0.0 <= c + cols <= times.shape[1] - 1.0):
+def _leads_over_free(times: NDArray[np.float64], k: int, r: int, c: int, step: NDArray[np.float64]) -> bool:
+    """Tell whether a step from a cell in heading k crosses only poses with a time, tested once in a cell.
+
+    Its first half is tested in heading k, and its second half in the heading at its end.
+    """
+    rows, cols = step[1], step[2]
+    if not (0.0 <= r + rows <= times.shape[1] - 1.0 and 0.0 <= c + cols <= times.shape[2] - 1.0):
         return False
     looks = math.ceil(math.hypot(rows, cols))
     for i in range(1, looks + 1):
-        if math.isinf(times[int(r + rows * i / looks + 0.5), int(c + cols * i / looks + 0.5)]):
+        heading = k if 2 * i < looks else int(step[0])
+        if math.isinf(times[heading, int(r + rows * i / looks + 0.5), int(c + cols * i / looks + 0.5)]):
             return False
     return True
 
