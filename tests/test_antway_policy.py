@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import subprocess
 import sys
 from collections import Counter
@@ -27,6 +28,7 @@ from antway import (
     Tracks,
     World,
     check_episode,
+    load_scenario,
     make_policy,
     run,
 )
@@ -40,6 +42,7 @@ from antway.policies.antway.explain import wait_of
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guarded
 from antway.policies.paper.policy import PaperPolicy
+from antway.world.episode import Episode
 from antway.world.motions import Bounce, Line, RandomWalk, Replay, Waypoints
 from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
@@ -577,3 +580,23 @@ def test_no_kernel_is_loaded_in_the_first_cycles(robot: str) -> None:
     """
     done = subprocess.run([sys.executable, "-c", program, robot], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+
+
+@pytest.mark.parametrize("robot", ["holonomic", "diff"])
+def test_a_policy_can_be_pickled_in_an_episode(robot: str) -> None:
+    """The copy gives the same commands as the policy itself."""
+    policy = AntwayPolicy()
+    episode = Episode(load_scenario("office").driven_by(load_robot(robot)), policy, seed=2)
+    for _ in range(40):
+        episode.step()
+    copy, act = pickle.loads(pickle.dumps(policy)), policy.act
+    commands: list[tuple[Command, Command]] = []
+
+    def both(observation: Observation) -> Command:
+        commands.append((act(observation), copy.act(observation)))
+        return commands[-1][0]
+
+    policy.act = both
+    for _ in range(20):
+        episode.step()
+    assert len(commands) == 20 and all(one == other for one, other in commands)

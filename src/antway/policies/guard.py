@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter, TooLarge
-from antway.kernels.base.jit import entry
+from antway.kernels.base.jit import call, entry
 from antway.kernels.base.records import PEOPLE_ACCEL, RobotState, Walls
 from antway.kernels.robot import guard as kernel
 from antway.kernels.robot.brake import Robot
@@ -162,7 +162,8 @@ class Guard:
         self.bounds[kernel.BOUND_CHANGE] = assumed_accel(task, self.mode)
         self.bounds[kernel.STRICT] = float(strict or not robot.stepwise)
         self.rules = kernel.Rules(robot.limits, terrain_of(task.grid), robot.dt, self.lookahead, strict)
-        self._kernel = entry(kernel.guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.rules)
+        # The kernel is loaded now, because to load it in the first cycle would delay that.
+        entry(kernel.guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.rules)
 
     def limit(self, observation: Observation, command: Command | None) -> Command:
         """Return the command that passes; `did` then says what the guard did, and `why` if time is the reason.
@@ -207,7 +208,8 @@ class Guard:
             self.did = DID[did]
             return passed
         state = RobotState(*o.xy, o.heading, *o.velocity)
-        vx, vy, did = self._kernel(state, *command.velocity, tracks, self.rules)
+        vx, vy = map(float, command.velocity)
+        vx, vy, did = call(kernel.guarded, state, vx, vy, tracks, self.rules)
         self.did = DID[did]
         return Command((vx, vy))
 
@@ -254,7 +256,8 @@ class _Dynamic:
         self.late = math.ceil(robot.latency / robot.dt - 1e-9)  # number of commands that do not act yet
         self.rows, near, self.keep = np.empty((_TRACKS, COLUMNS)), np.empty((_TRACKS, COLUMNS)), np.array([0.0, 0.0, -1.0])
         self.record = Robot(robot.limits, body_of(robot), walls_of(task.grid), robot.dt, _MARGIN, self.strict, near, self.keep)
-        self._passed = entry(passed_among, _AT_REST, self.rows[:0, :2].copy(), self.rows[:0], self.record, 0.0)
+        # The kernel is loaded now, because to load it in the first cycle would delay that.
+        entry(passed_among, _AT_REST, self.rows[:0, :2].copy(), self.rows[:0], self.record, 0.0)
         self.sent = np.zeros((self.late, 2))
         if before is not None:  # the stop that is certified, and the commands that do not act yet
             self.keep[:] = before.keep
@@ -281,7 +284,7 @@ class _Dynamic:
         if o.tracks.covariance is None and self.swerve < math.inf:
             n = _bounded(rows, n, tracks[:, AGE] < _NOW, self.swerve, self.record.walls, self.stopping)
         state = self.state_at_action(o)
-        one, two, did = self._passed(state, asked, rows[:n], self.record, lookahead + self.aside)
+        one, two, did = call(passed_among, state, asked, rows[:n], self.record, lookahead + self.aside)
         return self._command(o, one, two), did
 
     def state_at_action(self, o: Observation) -> RobotState:
