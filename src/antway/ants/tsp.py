@@ -111,7 +111,8 @@ def solve_tsp(
     rule : str or Rule
         "as", "eas", "rank", "mmas", "acs", or a rule with its own parameters.
     local_search : str or None
-        Local search that improves each tour before the deposit: "2opt", "oropt", "3opt"; None: no local search.
+        Local search that improves each tour before the deposit: "2opt", "oropt", "3opt"; None: no local search. Tours of fewer
+        than 8 cities are not improved.
     persistence, ants : Persistence, int or None
         Override those of the rule.
     immune : Immune or None
