@@ -1,6 +1,7 @@
 // The tools that edit the scenario: each gesture on a stage becomes one request to the server.
 // `page` gives: scene, tool, brush, size and pace of a new obstacle, request(message), obstacleAt(view, [x, y], within) -> index or
-// -1, setDone(shown), notice(text), redraw(). A gesture lasts from press to release; one of waypoints lasts from the first to the last of them.
+// -1, setDone(shown), notice(text), redraw(). A gesture lasts from press to release; one of waypoints lasts from the first to the
+// last of them.
 import { pointOn } from "/common.js";
 
 const GRAB = 16; // pixels of the page; a press this near to start or goal takes hold of it
