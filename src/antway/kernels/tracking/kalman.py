@@ -205,9 +205,12 @@ def needs_names(
 ) -> bool:
     """Tell whether a track has no name, or one that is in doubt at time `t` s.
 
-    A known name is, if its track was predicted more than `FAR` away; a new one, if a track that is not in this scan was
-    predicted within that distance.
+    A known name is, if its track was predicted more than `FAR` away; a new one, if a track of the last scan that is not in this
+    one was predicted within that distance. One that has been hidden for longer may be predicted where somebody else appears.
     """
+    last = -math.inf  # s; time of the last scan with tracks
+    for i in range(used[0]):
+        last = max(last, rows[i, T])
     for k in range(len(name)):
         if name[k] < 0:
             return True
@@ -215,7 +218,8 @@ def needs_names(
         if i >= 0 and _distance(rows[i], t, xy[k]) > FAR:
             return True
         for other in range(used[0] if i < 0 else 0):
-            if _distance(rows[other], t, xy[k]) <= FAR and not _has(name, rows[other, NAME]):
+            vanished = rows[other, T] == last and not _has(name, rows[other, NAME])
+            if vanished and _distance(rows[other], t, xy[k]) <= FAR:
                 return True
     return False
 
