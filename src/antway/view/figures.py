@@ -136,7 +136,7 @@ def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | None = None
     fig = style.figure(width * len(steps), height + 0.3)
     row = fig.subplots(1, len(steps), squeeze=False)[0]
     for axes, step in zip(row, steps):
-        _draw_moment(axes, trace, step, path, pheromone=True, scale=axes is row[-1])
+        _draw_moment(axes, trace, step, path, pheromone=True, labelled=False)
         axes.set_title(f"t = {trace.t[step]:.1f} s")
         if axes is not row[0]:
             axes.set_ylabel("")
@@ -223,15 +223,15 @@ def _draw_lengths(axes: Axes, tour: Tour) -> None:
     axes.legend()
 
 
-def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, pheromone: bool, scale: bool = True) -> None:
-    """Draw an episode at a step; what to draw is as in `moment_figure`, and `scale` as in `_draw_choice`."""
+def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, pheromone: bool, labelled: bool = True) -> None:
+    """Draw an episode at a step; what to draw is as in `moment_figure`, and `labelled` as in `_draw_choice`."""
     task = trace.task
     style.draw_map(axes, task.grid)
     decision = decision_at(trace, step)
     if path is not None:
         _draw_global(axes, task.grid, path)
     if pheromone and decision is not None:
-        _draw_choice(axes, task.grid, decision, scale)
+        _draw_choice(axes, task.grid, decision, labelled)
     sensed = Circle(tuple(trace.xy[step]), task.robot.sensor_range, fill=False, linestyle=(0, (1, 2)), edgecolor=style.INK)
     if np.isfinite(task.robot.sensor_range):
         axes.add_patch(sensed)
@@ -260,8 +260,8 @@ def _draw_stops(axes: Axes, trace: Trace) -> None:
         )
 
 
-def _draw_choice(axes: Axes, grid: Grid, decision: Decision, scale: bool) -> None:
-    """Draw the pheromone of a decision, with a `scale` if wanted, the path that was chosen, and the local target."""
+def _draw_choice(axes: Axes, grid: Grid, decision: Decision, labelled: bool) -> None:
+    """Draw the pheromone of a decision with its scale, `labelled` or not, the path that was chosen, and the local target."""
     if decision.pheromone is not None and (decision.pheromone[2] > 0).any():
         row, col, amount = decision.pheromone
         x, y, _ = grid.origin
@@ -273,10 +273,9 @@ def _draw_choice(axes: Axes, grid: Grid, decision: Decision, scale: bool) -> Non
         look: dict[str, Any] = {"edgecolor": style.VIOLET, "linewidth": 0.9}
         axes.add_patch(Rectangle(extent[::2], w * d, h * d, fill=False, zorder=1.6, **look))
         axes.add_patch(Rectangle((0, 0), 0, 0, facecolor=style.PHEROMONE(0.7), label="pheromone", **look))
-        if scale:
-            bar = axes.figure.colorbar(image, ax=axes, shrink=0.5, pad=0.02, ticks=[0, 1])
-            bar.ax.set_yticklabels(["least", "most"])
-            bar.set_label("pheromone")
+        bar = axes.figure.colorbar(image, ax=axes, shrink=0.5, pad=0.02, ticks=[0, 1])
+        bar.ax.set_yticklabels(["least", "most"])
+        bar.set_label("pheromone" if labelled else "")
     if decision.path is not None and len(decision.path.xy):
         style.draw_path(axes, decision.path.xy, style.TEAL, 2.0, label="chosen path", zorder=3.5)
     if decision.local_target is not None:
