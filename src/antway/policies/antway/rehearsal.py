@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from antway.grid import Grid
+from antway.kernels.base.cache import is_compiled
 from antway.kernels.base.jit import PLAIN
 from antway.world.policy import Observation, Policy, Task, Tracks
 from antway.world.robots import RobotSpec
@@ -19,6 +20,8 @@ _done: set[tuple[object, ...]] = set()  # rehearsals of this process
 
 def rehearse(make: Callable[..., Policy], robot: RobotSpec, **options: object) -> None:
     """Drive through a small hall for a few cycles, if this process has not yet driven this kind of robot in this way.
+
+    Where no process has compiled the kernels yet, there is nothing to load: the episode compiles only what it needs.
 
     Parameters
     ----------
@@ -33,7 +36,9 @@ def rehearse(make: Callable[..., Policy], robot: RobotSpec, **options: object) -
     if PLAIN or what in _done:
         return
     _done.add(what)
-    policy = make(**options)
+    if not is_compiled(*(("", "crossing.cycle") if kind.stepwise else ("controls", "colony.forage"))):
+        return
+    policy = make(learns_response=False, **options)  # there is nothing to learn from a robot that stays where it is
     policy.reset(Task(Grid(np.zeros((40, 60), bool), 0.1), kind, (1.0, 2.0), (5.0, 2.0)), 0)
     for n in range(_CYCLES):
         policy.act(_scan(kind, n * kind.dt))
