@@ -177,8 +177,8 @@ def _read_table(file: str, comma: bool) -> NDArray[np.float64]:
         try:
             lines = enumerate(io.TextIOWrapper(data, encoding="utf-8-sig"), 1)
             # The heading may stand in a comment, as NumPy writes it; other comments say nothing.
-            plain = (each for each in lines if each[1].strip())
-            first = next((each for each in plain if each[1][0] != "#" or {*_COLUMNS} <= {*_names(each[1])}), (0, ""))
+            says = ((n, line) for n, line in lines if line.strip() and (line[0] != "#" or {*_COLUMNS} <= {*_names(line)}))
+            first = next(says, (0, ""))
             heading, named = first[1], _names(first[1])
             skip = comma and any(c.isalpha() for c in heading.lower().replace("e", ""))
             missing = [name for name in _COLUMNS if name not in named]

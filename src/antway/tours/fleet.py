@@ -10,7 +10,7 @@ import numpy as np
 from antway.kernels.base.rng import stream
 from antway.kernels.colony import fleet as kernel
 from antway.planning import Clock
-from antway.tours.stops import Floats, Order, Stops
+from antway.tours.stops import Floats, Order, Stops, typical_step
 
 _ITERATIONS = 100  # iterations between two looks at the clock
 _ANNEALINGS = 8  # limit of annealings that share the budget; the best one counts
@@ -97,15 +97,12 @@ def best_routes(stops: Stops, clock: Clock, cycles: int | None, seed: int, initi
 def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floats) -> tuple[kernel.Fleet, float]:
     """Return the record for kernels, and a typical step in s."""
     n = len(rows)
-    finite = spans[np.isfinite(spans)]
     horizon = float(opens.max() + np.where(np.isfinite(spans), spans, 0.0).max(axis=1).sum()) + 1.0
     closes = np.minimum(closes, horizon) + 8 * n * np.spacing(horizon)  # more than the rounding errors of sums
     inner = np.minimum(spans[1:-1, 1:-1], spans[1:-1, 1:-1].T)
     np.fill_diagonal(inner, np.inf)
     near = np.pad(1 + np.argsort(inner, axis=1, kind="stable")[:, : n - 3].astype(np.int32), ((1, 1), (0, 0)))
-    closest = np.sort(inner, axis=1)[:, :3]
-    closest = closest[np.isfinite(closest)]
-    step = float(closest.mean() if closest.size and closest.any() else finite.mean()) or 1.0
+    step = typical_step(np.sort(inner, axis=1)[:, :3], spans)
     worth, price = np.zeros(n), np.zeros(n)
     last = 1.0 if stops.objective == "makespan" else 0.0
     total = 1e-4 if last else 0.1 if stops.priorities is not None else 1.0
@@ -154,12 +151,12 @@ def _complete(stops: Stops, orders: list[Order], left: list[int], clock: Clock) 
     groups: list[tuple[int, ...]] = [(stop,) for stop in stops.inner.tolist()]
     if len(groups) <= _PAIRED:
         groups += itertools.permutations(stops.inner.tolist(), 2)
-    late, tried = _late(stops, orders), 0  # groups tried since the last gain
+    late, tried = [_late(stops, order) for order in orders], 0  # groups tried since the last gain
     for group in itertools.cycle(groups):
         if tried == len(groups) or clock.spent():
             break
-        moved, tried = _moved(stops, orders, group), tried + 1
-        if (then := _late(stops, moved)) < late:
+        (moved, then), tried = _moved(stops, orders, late, group), tried + 1
+        if sum(then) < sum(late):
             orders, late, tried = moved, then, 0
     return orders
 
@@ -171,16 +168,22 @@ def _least_late(stops: Stops, order: Order, stop: int, first: int = 1) -> tuple[
     return float(value), int(place)
 
 
-def _moved(stops: Stops, orders: list[Order], group: tuple[int, ...]) -> list[Order]:
-    """Return the routes after these stops have been taken out and put in again, one by one, where all are least late."""
-    orders = [order[~np.isin(order, group)] for order in orders]
+def _moved(stops: Stops, orders: list[Order], late: list[float], group: tuple[int, ...]) -> tuple[list[Order], list[float]]:
+    """Take these stops out and put them in again, one by one, where all routes are least late; return routes and lateness."""
+    orders, late = orders.copy(), late.copy()
+    for k, order in enumerate(orders):
+        if (given := np.isin(order, group)).any():
+            orders[k] = order[~given]
+            late[k] = _late(stops, orders[k])
     for stop in group:
-        trials = [(*_least_late(stops, order, stop), _late(stops, [order])) for order in orders]
-        k = int(np.argmin([value - late if value < np.inf else np.inf for value, _, late in trials]))
+        trials = [_least_late(stops, order, stop) for order in orders]
+        k = int(np.argmin([value - then if value < np.inf else np.inf for (value, _), then in zip(trials, late, strict=True)]))
         orders[k] = np.insert(orders[k], trials[k][1], stop)
-    return orders
+        late[k] = _late(stops, orders[k])
+    return orders, late
 
 
-def _late(stops: Stops, orders: list[Order]) -> float:
-    """Return the lateness of routes plus a millionth of their end times, s."""
-    return sum(late + 1e-6 * end for *_, end, late in map(stops.timing, orders))
+def _late(stops: Stops, order: Order) -> float:
+    """Return the lateness of a route plus a millionth of its end time, s."""
+    *_, end, late = stops.timing(order)
+    return late + 1e-6 * end

@@ -94,6 +94,15 @@ class Stops:
         return float(self.matrix[order[:-1], order[1:]].sum())
 
 
+def typical_step(nearest: Floats, times: Floats) -> float:
+    """Return the mean time to the nearest stops; if that is 0, the mean of all `times`, and 1 s if none takes time.
+
+    Infinite times do not count.
+    """
+    means = (float(each[np.isfinite(each)].mean()) for each in (nearest, times) if np.isfinite(each).any())
+    return next(filter(None, means), 1.0)
+
+
 def amounts(name: str, value: object, n: int) -> Floats:
     """Return one number in [0, 1e9] for each stop; a single number holds for all."""
     if not isinstance(value, Iterable):

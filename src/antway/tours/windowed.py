@@ -17,7 +17,7 @@ from antway.kernels.colony import windows as kernel
 from antway.kernels.colony.window_repair import QUICK_WORK, WORK, lateness, repair
 from antway.kernels.colony.window_search import MoveOptions, TimedOrder, timed_order
 from antway.planning import Clock
-from antway.tours.stops import Floats, Order
+from antway.tours.stops import Floats, Order, typical_step
 
 _WIDER = 128  # width of a wide beam for each cycle before it
 _FEW_ATTEMPTS = 10  # random moves between two looks at the clock when an earlier order must be repaired quickly
@@ -90,7 +90,7 @@ class Path:
         self.finite = np.where(np.isfinite(whole), whole, np.ceil(horizon * self.scale))
         self.windows, self.feasible = self._prepare()
         self.mirror = _mirror(self.windows) if self.feasible and not quick else self.windows
-        self.step = _typical(np.sort(steps, axis=1)[:-1, : min(3, n - 1)]) or _typical(steps) or 1.0
+        self.step = typical_step(np.sort(steps, axis=1)[:-1, : min(3, n - 1)], steps)
 
     def _prepare(self) -> tuple[kernel.Windows, bool]:
         steps, opens, closes, far = self.time.copy(), self.opens.copy(), self.closes.copy(), self.far
@@ -129,12 +129,6 @@ class Path:
         for here, there in pairwise(order.tolist()):
             starts[there] = max(starts[here] + self.finite[here, there], starts[there])
         return starts / self.scale
-
-
-def _typical(steps: NDArray[np.float64]) -> float:
-    """Return the mean of the steps that are possible; 0 if there are none, or none that takes time."""
-    possible = steps[np.isfinite(steps)]
-    return float(possible.mean()) if len(possible) else 0.0
 
 
 def _decimal(values: Floats, horizon: float) -> float:

@@ -129,9 +129,9 @@ def _by_heading(
     times = np.minimum.reduceat(np.minimum.reduceat(time_to_goal, rows, axis=0), cols, axis=1)
     times = (times - least).repeat(parts, axis=0).repeat(parts, axis=1)
     frame = np.array([grid.origin[0] + size / 2, grid.origin[1] + size / 2, 1.0 / size])
-    fits = np.isfinite(times)[None].repeat(headings, axis=0)
+    fits = np.ones((headings, *times.shape), np.bool_)
     if robot.footprint is not None:
-        fits &= fitting_poses(map_field, frame, headings, times.shape[0], times.shape[1], _SLACK * size)
+        fits = fitting_poses(map_field, frame, headings, times.shape[0], times.shape[1], _SLACK * size)
     poses = turning_times(times, fits, size, robot.turning_radius, robot.v_max, robot.v_reverse, _SWEEPS)
     field = np.array([beyond_walls(one, 2.0 * size / robot.v_max, _LAYERS) for one in (*poses, times)])
     return field, frame

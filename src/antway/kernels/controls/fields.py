@@ -140,7 +140,7 @@ def turning_times(
     times : float64[H, W]
         The time of a robot that turns in no time. It is infinite where the robot's centre cannot be, and 0 at the goal.
     fits : bool[headings, H, W]
-        Whether the robot's body has room in each cell and heading; heading k is 2 pi k / headings, rad.
+        Whether the robot's body has room in each cell and heading, if its centre has; heading k is 2 pi k / headings, rad.
     size, radius : float
         Edge of a cell and turning radius, m.
     v_max, v_reverse : float

@@ -218,8 +218,8 @@ def needs_names(
         if i >= 0 and _distance(rows[i], t, xy[k]) > FAR:
             return True
         for other in range(used[0] if i < 0 else 0):
-            vanished = rows[other, T] == last and not _has(name, rows[other, NAME])
-            if vanished and _distance(rows[other], t, xy[k]) <= FAR:
+            near = rows[other, T] == last and _distance(rows[other], t, xy[k]) <= FAR
+            if near and not _has(name, rows[other, NAME]):
                 return True
     return False
 
