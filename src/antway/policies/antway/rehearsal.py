@@ -10,7 +10,9 @@ import numpy as np
 from antway.grid import Grid
 from antway.kernels.base.cache import is_compiled
 from antway.kernels.base.jit import PLAIN
-from antway.world.policy import Observation, Policy, Task, Tracks
+from antway.kernels.base.records import RobotState
+from antway.kernels.robot.motion import delayed
+from antway.world.policy import XY, Observation, Policy, Task, Tracks
 from antway.world.robots import RobotSpec
 
 _CYCLES = 3  # cycles are rehearsed; the second compares predictions with what came, and the third learns from that
@@ -38,11 +40,14 @@ def rehearse(make: Callable[..., Policy], robot: RobotSpec, **options: object) -
     _done.add(what)
     if not is_compiled(*(("", "crossing.cycle") if kind.stepwise else ("controls", "colony.forage"))):
         return
-    policy = make(learns_response=False, **options)  # there is nothing to learn from a robot that stays where it is
+    policy, late = make(**options), round(kind.latency / kind.dt)
     policy.reset(Task(Grid(np.zeros((40, 60), bool), 0.1), kind, (1.0, 2.0), (5.0, 2.0)), 0)
+    state, commands = RobotState(1.0, 2.0, 0.0, 0.0, 0.0), [(0.0, 0.0)] * late
     for n in range(_CYCLES):
-        policy.act(_scan(kind, n * kind.dt))
+        observation = _observed(kind, state, n * kind.dt, commands[n:])
+        commands.append(policy.act(observation).acts(observation, kind))
         policy.explain()
+        state = _driven(kind, state, commands[n])
 
 
 def _kind_of(robot: RobotSpec) -> RobotSpec:
@@ -57,7 +62,22 @@ def _kind_of(robot: RobotSpec) -> RobotSpec:
     )
 
 
-def _scan(robot: RobotSpec, t: float) -> Observation:
+def _observed(robot: RobotSpec, state: RobotState, t: float, pending: list[XY]) -> Observation:
     """Return what the robot observes in the hall at `t` s, when somebody is about to cross its path."""
+    x, y, heading, one, two = state
+    velocity, turn_rate = (one, two), 0.0
+    if robot.wheels:
+        velocity, turn_rate = (one * math.cos(heading), one * math.sin(heading)), two
     crossing = Tracks(np.array([1]), np.array([(3.0, 1.0 + t)]), np.array([(0.0, 1.0)]), np.array([0.25]))
-    return Observation(t, (1.0, 2.0), (0.0, 0.0), 0.0, crossing, pending=np.zeros((round(robot.latency / robot.dt), 2)))
+    waiting = np.array(pending).reshape(-1, 2)
+    return Observation(t, (x, y), velocity, heading, crossing, turn_rate=turn_rate, pending=waiting)
+
+
+def _driven(robot: RobotSpec, state: RobotState, command: XY) -> RobotState:
+    """Return the state after a period of this command: a policy would learn from a robot that does not do as it says."""
+    if not robot.stepwise:
+        return delayed(state, np.array([command]), robot.limits._replace(latency=robot.dt), robot.dt)
+    if robot.wheels:  # of the dynamics "steps", from which nothing is learnt
+        return state
+    vx, vy = command
+    return RobotState(state.x + vx * robot.dt, state.y + vy * robot.dt, math.atan2(vy, vx), vx, vy)
