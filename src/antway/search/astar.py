@@ -52,7 +52,7 @@ class Workspace:
         # np.zeros would use huge pages, but jumps touch only a few cells all over the map.
         nodes = np.frombuffer(mmap.mmap(-1, 8 * cells), np.int32).reshape(cells, 2)
         first, filled = np.full(KEYS + BLOCKS, -1, np.int32), np.zeros(KEYS // 64, np.uint64)
-        queue = Queue(first, filled, np.empty((16 * longest, 5), np.int32), np.zeros(8, np.int64))
+        queue = Queue(first, filled, np.empty((16 * longest, 5), np.int32), np.zeros(7, np.int64))
         self.memory = Memory(nodes, np.empty((longest, 4), np.int32), queue)
 
     def initialize(self) -> None:

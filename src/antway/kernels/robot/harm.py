@@ -24,6 +24,7 @@ _STEPS = 64  # most steps into which that time is divided
 _WEIGHT = 1.5  # s; a contact this much later counts 1 / e of the earlier one
 _SIGMA = 0.04  # m; standard deviation of the place of a track now
 _GROWTH = 0.15  # m/s; growth of the standard deviation of a predicted place
+_LOGISTIC = 1.7  # 1; 1 / (1 + exp(1.7 z)) approximates the chance that a standard normal number exceeds z
 _SPEED_COST = 0.02  # a contact at full speed counts this share more than a contact at rest
 _PROGRESS = 0.02  # expected contacts that full speed in the commanded direction makes up for
 
@@ -53,8 +54,9 @@ def harm(
     enough : float
         The sum is broken off when it reaches this value.
     path : float64[S, 5]
-        Scratch memory for the robot's path.
+        Scratch memory for the robot's path: the time looked ahead is divided into at most S steps.
     """
+    dt = max(dt, _AHEAD / len(path))  # s; a step is longer than a control period where there would be too many of these
     steps = min(round(_AHEAD / dt + 0.5), len(path))
     x, y, angle, wx, wy = state
     for i in range(steps):
@@ -84,7 +86,7 @@ def harm(
             after = t + s
             if i == 0 and qx * qx + qy * qy < body * body:
                 s, after = dt, 0.0  # a contact that is there already counts by what is left of it after the step
-            slope = 1.7 * (math.hypot(qx + rx * s, qy + ry * s) - body) / sigma
+            slope = _LOGISTIC * (math.hypot(qx + rx * s, qy + ry * s) - body) / sigma
             if max(slope, 0.0) + after / _WEIGHT < low:
                 low, ratio, when, fast = max(slope, 0.0) + after / _WEIGHT, slope, after, path[i, 4]
         if low < math.inf:

@@ -118,7 +118,9 @@ def expand(search_map: SearchMap, memory: Memory, base: int, goal_row: int, goal
 
     The state is RUNNING, DONE (the label of the goal is final, or the queue is empty), or FULL (the queue's `entries` must be
     longer). A*: Hart, Nilsson and Raphael, A formal basis for the heuristic determination of minimum cost paths, 1968;
-    successors: Harabor and Grastien, ICAPS 2014. Among equal keys the entry added last is taken first.
+    successors: Harabor and Grastien, ICAPS 2014. Of entries with equal keys, the one added last is taken first if they were
+    added while their block was the current one; of those that waited in a later block, the one added first
+    (`buckets.next_block`).
 
     Parameters
     ----------

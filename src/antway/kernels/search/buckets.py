@@ -30,7 +30,7 @@ class Queue(NamedTuple):
     first: NDArray[np.int32]  # [KEYS + BLOCKS] first entry of each bucket or -1: of the keys of the block, then of the blocks
     filled: NDArray[np.uint64]  # [KEYS / 64] a bit for each key of the current block, set if it has entries
     entries: NDArray[np.int32]  # [M, 5] next entry of the same bucket, row, col, g, key
-    state: NDArray[np.int64]  # [8] see above
+    state: NDArray[np.int64]  # [7] see above
 
 
 @bare_kernel
@@ -86,7 +86,10 @@ def put(queue: Queue, entry: int, at: int, row: int, col: int, g: int, key: int)
 
 @bare_kernel
 def next_block(queue: Queue, at: int) -> int:
-    """Spread the entries of the first nonempty block after that of the key `at` over its keys; return its first key, or -1."""
+    """Spread the entries of the first nonempty block after that of the key `at` over its keys; return its first key, or -1.
+
+    This turns the order of entries with equal keys round: `take` then returns the one that was added first.
+    """
     first, filled, entries, last = queue.first, queue.filled, queue.entries, queue.state[LAST]
     block = (at >> 14) + 1
     while block <= last and first[KEYS + block] < 0:

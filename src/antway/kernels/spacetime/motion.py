@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel, kernel, shared_kernel
 from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime.context import PlanningContext, can_stay, centre, clear
-from antway.kernels.spacetime.memory import Memory
+from antway.kernels.spacetime.memory import STATE_COUNT, Memory
 from antway.kernels.spacetime.segments import TOUCH, earliest_departure
 
 LOOK = 10  # a shortcut leads at most this many vertices ahead
@@ -40,10 +40,10 @@ def trace_back(
     Each departure becomes the earliest safe one, because arrivals may have become earlier since the move was tried. After
     `end`, where obstacles are ignored, the path follows the field to the goal or until time `until`.
     """
-    chain = np.empty(512, np.int32)
+    chain = np.empty(memory.counter[STATE_COUNT], np.int32)  # no path has more states than there are
     length = 0
     s = end
-    while s >= 0 and length < len(chain):
+    while s >= 0:
         chain[length] = s
         length += 1
         s = memory.parent[s]
