@@ -1,7 +1,8 @@
 """Memory shared by guard process, planner and robot side: observations, requested commands, answers, bells.
 
 Each record has its number at both ends. The writer clears both, writes the content and puts the number back, at the end first;
-so a reader that finds the same number at both ends has a complete record. The content is checked by the writer and not again by
+so a reader that finds the same number at both ends has a complete record, unless the writer uses the same number again, as the
+guard does while it brakes: `Link.replied` therefore reads twice. The content is checked by the writer and not again by
 the reader, because this takes time in every cycle of the planner.
 """
 
@@ -189,8 +190,9 @@ class Link:
 
     def replied(self, number: int) -> Answer | None:
         """Return the guard's answer to that observation, if there is one."""
-        first, *numbers, did, _, last = self.views["answer"].tolist()
-        if not first == last == number:
+        record = self.views["answer"].tolist()
+        first, *numbers, did, _, last = record
+        if not first == last == number or self.views["answer"].tolist() != record:  # the guard may be answering it again
             return None
         return Answer(number, _command(*numbers), DID[int(did)])
 

@@ -88,18 +88,19 @@ class GuardProcess:
         Guard(**guard)  # raises errors of its options here
         shared = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
         self.folder = tempfile.mkdtemp(prefix="antway-", dir=shared)
-        (Path(self.folder) / "memory").write_bytes(bytes(SIZE))
-        for side in SIDES:
-            os.mkfifo(f"{self.folder}/{side}")
-        self.link, self.number = Link(self.folder, "robot"), 0
-        command = [sys.executable, "-c", "from antway.policies.guard_process import main; main()"]
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
-        try:
+        with contextlib.ExitStack() as undo:
+            undo.callback(shutil.rmtree, self.folder, ignore_errors=True)
+            (Path(self.folder) / "memory").write_bytes(bytes(SIZE))
+            for side in SIDES:
+                os.mkfifo(f"{self.folder}/{side}")
+            self.link, self.number = Link(self.folder, "robot"), 0
+            undo.callback(self.link.close)
+            command = [sys.executable, "-c", "from antway.policies.guard_process import main; main()"]
+            self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+            undo.callback(self.close)
             self._tell((self.folder, self.deadline, self.slack, emit, guard, os.getpid()))
             self._reset(task, _START)
-        except BaseException:
-            self.close()
-            raise
+            undo.pop_all()
 
     def _tell(self, what: object) -> None:
         assert self.process.stdin is not None
@@ -184,14 +185,15 @@ class GuardProcess:
 
 def plan_for(folder: str, policy: Policy) -> None:
     """Let `policy`, which has been reset, answer observations as long as the guard's folder exists."""
-    link, number = Link(folder, "planner"), 0
-    while os.path.exists(folder):
-        found = link.observed(number)
-        if found is None:
-            link.wait(time.monotonic() + 0.5)
-            continue
-        number, observation = found
-        link.ask(number, policy.act(observation))
+    number = 0
+    with contextlib.closing(Link(folder, "planner")) as link:
+        while os.path.exists(folder):
+            found = link.observed(number)
+            if found is None:
+                link.wait(time.monotonic() + 0.5)
+                continue
+            number, observation = found
+            link.ask(number, policy.act(observation))
 
 
 class _Server:
