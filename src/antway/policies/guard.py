@@ -37,7 +37,6 @@ _ALLOWED = (
     f"finite, up to {MAX_SPEED:g} m/s, or NaN where unknown",
     f"in [0, {MAX_PLACE:g}] (m)",
 )
-_TWICE = 5  # result of `fault` if two tracks have the same number
 
 
 def check_observation(o: Observation) -> Observation:
@@ -58,7 +57,7 @@ def check_observation(o: Observation) -> Observation:
     if n > MAX_TRACKS:
         raise TooLarge("tracks", n, f"at most {MAX_TRACKS}")
     what = kernel.fault(*o.xy, *o.velocity, o.heading, t.id, t.xy, t.velocity, t.radius)
-    if what and what != _TWICE:
+    if what not in (kernel.SOUND, kernel.SAME_NAME):
         value = ((o.xy, o.velocity, o.heading), t.xy, t.velocity, t.radius)[what - 1]
         raise BadParameter(_FAULTS[what - 1], value, _ALLOWED[what - 1])
     stamped = abs(o.stamp) <= MAX_CLOCK or math.isnan(o.stamp) or o.stamp == -math.inf
@@ -73,7 +72,7 @@ def check_observation(o: Observation) -> Observation:
             raise BadParameter("tracks.covariance", t.covariance, f"float64[{n}, 4, 4] of finite numbers, variances >= 0")
     if _EARLY < o.stamp - o.t <= _NEWER:
         o = at_scan(o)
-    return o if what != _TWICE else replace(o, tracks=t.distinct())
+    return replace(o, tracks=t.distinct()) if what == kernel.SAME_NAME else o
 
 
 def at_scan(o: Observation) -> Observation:
@@ -166,7 +165,9 @@ class Guard:
         entry(kernel.guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.rules)
 
     def limit(self, observation: Observation, command: Command | None) -> Command:
-        """Return the command that passes; `did` then says what the guard did, and `why` if time is the reason.
+        """Return the command that passes; `did` then says what the guard did.
+
+        If it brakes because a clock went back or the scan is not of now, `why` says so in words; otherwise it is empty.
 
         For None that is the next command of the stop that the guard keeps certified, by which a robot stops at any time.
 

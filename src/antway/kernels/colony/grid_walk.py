@@ -296,7 +296,10 @@ def update(
 def evaporate(
     tau: NDArray[np.float64], eta: NDArray[np.float64], persistence_rule: NDArray[np.float64], t: int, excess: float
 ) -> None:
-    """tau <- rho tau on every legal move (`eta` > 0); see `kernels.colony.pheromone`."""
+    """Let the pheromone on every legal move (`eta` > 0) evaporate: tau becomes rho tau, with rho by `persistence`.
+
+    `t` and `excess` are as in `kernels.colony.pheromone.persistence`.
+    """
     by_edge = persistence_rule[0] == ADAPTIVE or persistence_rule[0] == PRINTED
     rho, least = 1.0, math.inf
     if by_edge:

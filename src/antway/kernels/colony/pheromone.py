@@ -55,7 +55,7 @@ def persistence(persistence_rule: NDArray[np.float64], tau: float, tau_min: floa
 
 @kernel
 def evaporate(tau: NDArray[np.float64], persistence_rule: NDArray[np.float64], t: int, excess: float) -> None:
-    """tau <- max(rho tau, FLOOR) on all edges (tau: [n, k], in place); see `persistence`."""
+    """Let the pheromone on all edges, float64[n, k], evaporate: tau becomes max(rho tau, FLOOR), with rho by `persistence`."""
     flat = tau.reshape(tau.size)
     if persistence_rule[0] == ADAPTIVE or persistence_rule[0] == PRINTED:
         tau_min = flat.min()

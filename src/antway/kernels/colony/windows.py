@@ -43,10 +43,16 @@ def schedule(
 ) -> None:
     """Write the times of `order` for each of its places.
 
-    ready : start of service.
-    latest : latest start of service such that no later stop is late.
-    duration : travel time from there to the end.
-    earliest : earliest end of the order from there on.
+    Parameters
+    ----------
+    ready : float64[n]
+        Filled with the start of service.
+    latest : float64[n]
+        Filled with the latest start of service such that no later stop is late.
+    duration : float64[n]
+        Filled with the travel time from there to the end.
+    earliest : float64[n]
+        Filled with the earliest end of the order from there on.
     """
     last = len(order) - 1
     ready[0] = opens[order[0]]

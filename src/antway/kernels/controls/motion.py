@@ -47,10 +47,10 @@ def ramp(now: float, target: float, rise: float, fall: float) -> tuple[float, fl
 def step(at: MotionState, one: float, two: float, limits: RobotLimits, dt: float) -> MotionState:
     """Return the motion state after a period of `dt` s under the command (one, two), whose units are those of a and b.
 
-    Square roots, unlike `math.hypot`, become SIMD instructions where rollouts are stepped abreast.
     The motion is that of kernels/robot/motion.py, except that the arc is replaced by its chord in the direction of the heading
     at half time. The error is less than a millimetre.
     """
+    # Square roots, unlike `math.hypot`, become SIMD instructions where rollouts are stepped abreast.
     x, y, c, s, a, b = at
     if limits.drive == HOLONOMIC:
         speed = math.sqrt(one * one + two * two)

@@ -47,7 +47,7 @@ class SpeedBounds(NamedTuple):
 
     v_max: float  # m/s; top speed of the robot
     stopping_time: float  # s; longest time from the end of a step until the robot can stand
-    obstacle: float  # m/s; no obstacle becomes faster than this
+    obstacle: float  # m/s; no obstacle becomes faster than this; one that is faster already keeps its speed
     growth: float  # m/s; no obstacle's speed grows by more than this
 
 
@@ -103,7 +103,8 @@ def look_ahead(
         vx, vy = segment[records.VX], segment[records.VY]
         if p == 0 or t0 < segments[p - 1, records.T1]:
             obstacle += 1
-        speed = min(math.hypot(vx, vy) + bounds.growth, bounds.obstacle)
+        pace = math.hypot(vx, vy)
+        speed = min(pace + bounds.growth, max(bounds.obstacle, pace))  # who is faster than declared stays so
         turns = p + 1 < len(segments) and segments[p + 1, records.T0] == t1
         turns = turns and (segments[p + 1, records.VX] != vx or segments[p + 1, records.VY] != vy)
         for k in range(max(math.ceil((t0 - now) / dt - 1e-9) - 1, 0), steps + 1):
@@ -119,7 +120,7 @@ def look_ahead(
             turn_time = min(t - now, margins.response + change / margins.agility)
             turned = change * turn_time - 0.5 * margins.agility * max(turn_time - margins.response, 0.0) ** 2
             while_stopping = speed * stopping_time + 0.5 * v_max * stopping_time
-            span = v_max * min(k + 1, steps) * dt + ((v_max + math.hypot(vx, vy)) * AFTERWARDS if k == steps else 0.0)
+            span = v_max * min(k + 1, steps) * dt + ((v_max + pace) * AFTERWARDS if k == steps else 0.0)
             far = contact + max(margins.preferred_gap, uncertain, turned, while_stopping) + span + 0.01
             dx, dy = x - start.x, y - start.y
             if dx * dx + dy * dy < far * far and outlook.near[k] < size:

@@ -18,9 +18,10 @@ from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y, 
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 
 FREE, SLOWED, BRAKED, STEPPED_ASIDE, LEAST_HARM = 0, 1, 2, 3, 4  # what the guard did
+SOUND, BAD_ROBOT, BAD_PLACE, BAD_VELOCITY, BAD_RADIUS, SAME_NAME = range(6)  # results of `fault`
 _FRACTIONS = 10  # number of speeds tried in the commanded direction
 _SIDES = 16  # number of directions tried for a step aside
-_LEARNS = 0.01  # share by which, in a scan, the learnt speed bound moves towards the fastest speed seen
+_LEARNS = 0.01  # 1; share by which, in each control cycle, the learnt speed bound moves towards the fastest speed seen
 # Columns of the table of recent tracks. _SEEN is a time in s; _SPEED is -1 if unknown. The last three are the largest values
 # observed: the speed, its growth, and the change of the velocity.
 _ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED, _FASTEST, _GROWTH, _CHANGE = range(11)
@@ -56,27 +57,27 @@ def fault(
 ) -> int:
     """Return what is wrong with the robot's state or a scan of K tracks.
 
-    0 is nothing. 1 the state, 2 xy, 3 velocity or 4 radius is beyond the limits of `antway.limits`, or a radius is negative; a
-    velocity may be NaN (unknown). 5: two tracks have the same name, compared as floats because tables of tracks hold floats.
+    SAME_NAME means that two tracks have the same name, compared as floats because tables of tracks hold floats. BAD_ROBOT and
+    the others say what is beyond the limits of `antway.limits`. A radius must not be negative; a velocity may be NaN (unknown).
     """
     placed = abs(x) <= MAX_PLACE and abs(y) <= MAX_PLACE and abs(heading) <= MAX_ANGLE
     if not (placed and math.hypot(vx, vy) <= MAX_SPEED):
-        return 1
+        return BAD_ROBOT
     sorted_names = True
     for k in range(len(radius)):
         if not (abs(xy[k, 0]) <= MAX_PLACE and abs(xy[k, 1]) <= MAX_PLACE):
-            return 2
+            return BAD_PLACE
         if math.hypot(velocity[k, 0], velocity[k, 1]) > MAX_SPEED:
-            return 3
+            return BAD_VELOCITY
         if not 0.0 <= radius[k] <= MAX_PLACE:
-            return 4
+            return BAD_RADIUS
         if k > 0 and float(name[k]) <= float(name[k - 1]):
             sorted_names = False
     for k in range(0 if sorted_names else len(name)):
         for i in range(k if name[k] >= 0 else 0):
             if float(name[i]) == float(name[k]):
-                return 5
-    return 0
+                return SAME_NAME
+    return SOUND
 
 
 @kernel

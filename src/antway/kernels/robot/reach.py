@@ -13,6 +13,7 @@ from antway.kernels.base.records import Walls
 
 X, Y, VX, VY, RADIUS, SPEED, ACCEL, AGE = range(8)  # columns of a row; there is one row for each obstacle
 COLUMNS = 8
+_STEP = 0.05  # s; an obstacle's uniform motion towards a wall is looked at in steps of this length
 
 
 @bare_kernel
@@ -82,22 +83,24 @@ def split_at_walls(tracks: NDArray[np.float64], count: int, walls: Walls, time: 
     """Add a row for each of `count` tracks that could touch a wall within `time` s; return the number of rows.
 
     A wall may reflect an obstacle. Until it could first touch one, the obstacle is within accel t^2 / 2 of its uniform motion,
-    which is sampled every 0.05 s; after that it can go anywhere with its speed. Its two rows together cover all these places.
+    which is looked at in steps of 0.05 s; after that it can go anywhere with its speed. Its two rows together cover all these
+    places.
     """
     n = count
     for k in range(count):
         accel = tracks[k, ACCEL]
         if accel == math.inf:
             continue
-        drift = 0.025 * math.hypot(tracks[k, VX], tracks[k, VY])  # how far it moves from the middle of a step to its ends
-        for i in range(math.ceil(time / 0.05)):
-            t = 0.05 * i + 0.025
+        drift = 0.5 * _STEP * math.hypot(tracks[k, VX], tracks[k, VY])  # how far it moves from the middle of a step to its ends
+        for i in range(math.ceil(time / _STEP)):
+            start, end = _STEP * i, _STEP * (i + 1)
+            t = 0.5 * (start + end)
             x, y = tracks[k, X] + tracks[k, VX] * t, tracks[k, Y] + tracks[k, VY] * t
-            off = 0.5 * accel * (t + 0.025) * (t + 0.025) + drift
+            off = 0.5 * accel * end * end + drift
             if free_distance(walls, x, y) < tracks[k, RADIUS] + off:
                 tracks[n, X], tracks[n, Y], tracks[n, VX], tracks[n, VY] = x, y, 0.0, 0.0
                 tracks[n, RADIUS], tracks[n, SPEED] = tracks[k, RADIUS] + off, tracks[k, SPEED]
-                tracks[n, ACCEL], tracks[n, AGE] = math.inf, tracks[k, AGE] - (t - 0.025)
+                tracks[n, ACCEL], tracks[n, AGE] = math.inf, tracks[k, AGE] - start
                 n += 1
                 break
     return n

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 
 TRAILS = 1 << 12  # number of slots of the table, a power of two
-_LEAST_PERSISTENCE, _GREATEST_PERSISTENCE = 0.1, 0.9  # 1
+_LEAST_PERSISTENCE, _GREATEST_PERSISTENCE = 0.1, 0.9  # 1; limits of rho in `evaporate`
+_HARDLY_MORE = 1.05  # 1; an edge with less pheromone than this is as good as one without
 
 
 class Trails(NamedTuple):
@@ -53,10 +54,11 @@ def lay(trails: Trails, key: int, amount: float) -> None:
 
 @kernel
 def evaporate(trails: Trails, now: float, cycle: float) -> None:
-    """tau <- rho tau with the paper's persistence, corrected: rho = clip(exp(-tau_min / tau) + exp(-cycle), 0.1, 0.9).
+    """Let all pheromone evaporate: tau becomes rho tau with rho = clip(exp(-tau_min / tau) + exp(-cycle), 0.1, 0.9).
 
-    tau_min is 1, the floor of every edge. Edges whose bin of arrival is in the past are dropped. The bins are absolute, so the
-    pheromone need not be shifted in time.
+    This is the paper's adaptive persistence with its lost minus sign restored (`antway.ants.persistence.Adaptive`); tau_min is
+    1, the floor of every edge. Edges whose bin of arrival is over at the time `now`, s, and those that are left with hardly
+    more than the floor are dropped. The bins are absolute, so the pheromone need not be shifted in time.
     """
     bins = len(trails.mark) * 64
     keys, taus = trails.key.copy(), trails.tau.copy()
@@ -66,7 +68,7 @@ def evaporate(trails: Trails, now: float, cycle: float) -> None:
         if keys[j] >= 0 and (keys[j] // bins + 1) * trails.bin >= now:
             tau = 1.0 + taus[j]
             rho = min(max(math.exp(-1.0 / tau) + math.exp(-cycle), _LEAST_PERSISTENCE), _GREATEST_PERSISTENCE)
-            if rho * tau > 1.05:
+            if rho * tau > _HARDLY_MORE:
                 lay(trails, keys[j], rho * tau - 1.0)
 
 

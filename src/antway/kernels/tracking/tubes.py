@@ -59,7 +59,7 @@ def first_conflict(
     body : float
         Radius of the body with its margin, m.
     growth : float
-        How fast the tubes widen after t[0], m/s.
+        How fast the tubes widen after t[0], m/s. Each keeps one width for a leg of the path, that at the beginning of the leg.
     trajectories : Trajectories
         The predicted discs.
 

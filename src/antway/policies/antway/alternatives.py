@@ -20,7 +20,7 @@ from antway.kernels.spacetime.memory import KNOTS, Memory
 from antway.kernels.spacetime.motion import first_conflict, shorten, trace_back
 from antway.kernels.tracking.predict import predict, time_shift
 from antway.planning import TimedPath
-from antway.policies.antway.detours import row_col
+from antway.policies.antway.detours import node_near, row_col
 from antway.policies.antway.state import make_memory, make_trails
 from antway.world.policy import XY
 
@@ -94,17 +94,14 @@ class Snapshot:
         return TimedPath(t, np.column_stack([np.interp(t, path.t, path.xy[:, k]) for k in (0, 1)]))
 
     def conflict(self, path: TimedPath, segments: NDArray[np.float64]) -> float:
-        """Return the first time at which a robot on `path` meets one of `segments`, s; infinite if never."""
+        """Return when the first leg of `path` begins on which a robot meets one of `segments`, s; infinite if none does."""
         knots = np.column_stack((path.t, path.xy))
         return float(first_conflict(knots, self.now, self._predictions(segments)))
 
     def cost(self, path: TimedPath) -> float:
         """Return how much later a robot on `path` reaches the goal than it would without moving obstacles, s."""
         x, y = path.xy[-1].tolist()
-        context = self.context
-        ends = (y - context.y0, x - context.x0)
-        row, col = (math.floor(away / context.resolution + 0.5) for away in ends)
-        rest = float(context.field[row * context.cols + col])
+        rest = float(self.context.field[node_near(self.context, (x, y))])
         return max(float(path.t[-1]) - self.now + rest - self.free(), 0.0)
 
 

@@ -55,13 +55,13 @@ class ControlColony:
         block = max(round(o.block / robot.dt), 1)
         self.slowness = min(max(_AGILE / robot.v_max, 1.0), _SLOWEST)
         self.problem = ControlProblem(
-            RobotState(0.0, 0.0, 0.0, 0.0, 0.0),
-            finite_limits(robot),
-            robot.dt,
-            static_field(task, time_to_goal.reshape(task.grid.shape)),
-            empty_outlook(steps),
-            _weights(o, robot, self.slowness, task, strict),
-            make_batch(robot.v_max * steps * robot.dt),
+            start=RobotState(0.0, 0.0, 0.0, 0.0, 0.0),
+            limits=finite_limits(robot),
+            dt=robot.dt,
+            field=static_field(task, time_to_goal.reshape(task.grid.shape)),
+            outlook=empty_outlook(steps),
+            weights=_weights(o, robot, self.slowness, task, strict),
+            batch=make_batch(robot.v_max * steps * robot.dt),
         )
         if task.stay > 0.0:
             self._stand_at_goal()
@@ -88,9 +88,15 @@ class ControlColony:
     def _by_response(self) -> tuple[Margins, SpeedBounds]:
         """Return the distances to keep and the bounds on obstacles' speeds, which depend on how fast the robot can respond."""
         o, robot, slowness, limits = self.options, self.robot, self.slowness, self.problem.limits
-        times = slowness * o.spread_time, slowness * o.late
-        wide = math.sqrt(slowness) * o.spread
-        margins = Margins(o.margin, o.preferred_gap, wide, *times, robot.latency + robot.dt, _DODGE * limits.a_max)
+        margins = Margins(
+            margin=o.margin,
+            preferred_gap=o.preferred_gap,
+            spread=math.sqrt(slowness) * o.spread,
+            spread_time=slowness * o.spread_time,
+            late=slowness * o.late,
+            response=robot.latency + robot.dt,
+            agility=_DODGE * limits.a_max,
+        )
         stopping_time = self.problem.weights.stopping_time + robot.v_max / limits.brake_max
         growth = min(float(self.task.obstacle_surge) * stopping_time, 1e3)
         return margins, SpeedBounds(robot.v_max, stopping_time, float(self.task.obstacle_speed), growth)
@@ -272,24 +278,24 @@ def _archive(o: ControlOptions, steps: int, block: int) -> Archive:
     """Return an empty archive for sequences of `steps` steps, of which `block` at a time share a draw."""
     most = max(o.archive, o.ants + 1, SEEDS + 1)
     return Archive(
-        np.zeros((o.archive, steps, 2)),
-        np.full(o.archive, math.inf),
-        np.zeros(o.archive, np.int64),
-        np.zeros((o.archive, math.ceil(steps / block), 2)),
-        np.zeros(1, np.int64),
-        np.zeros((most, steps, 2)),
-        np.zeros(most),
-        block,
+        sequence=np.zeros((o.archive, steps, 2)),
+        cost=np.full(o.archive, math.inf),
+        order=np.zeros(o.archive, np.int64),
+        spread=np.zeros((o.archive, math.ceil(steps / block), 2)),
+        used=np.zeros(1, np.int64),
+        ants=np.zeros((most, steps, 2)),
+        ant_cost=np.zeros(most),
+        block=block,
     )
 
 
 def _averaging(o: ControlOptions, steps: int, block: int) -> Averaging:
     """Return what a search that averages works with."""
     return Averaging(
-        o.elite if o.search == "cem" else 0,
-        o.temperature,
-        np.zeros((steps, 2)),
-        np.zeros((math.ceil(steps / block), 2)),
+        elite=o.elite if o.search == "cem" else 0,
+        temperature=o.temperature,
+        mean=np.zeros((steps, 2)),
+        spread=np.zeros((math.ceil(steps / block), 2)),
     )
 
 
@@ -306,13 +312,13 @@ def _lattice(robot: RobotSpec, block: int) -> Lattice:
         held = np.vstack((full, 0.5 * full, (0.0, 0.0)))
     nodes = 1 + _EXPANSIONS * (len(held) + DOWNHILL)
     return Lattice(
-        held,
-        np.zeros((nodes, 7)),
-        np.zeros((nodes, 3), np.int64),
-        np.zeros((nodes, block, 2)),
-        np.zeros((nodes, 2)),
-        np.zeros((4 * nodes, 2), np.int64),
-        np.zeros(4 * nodes),
-        np.zeros(1, np.int64),
-        _EXPANSIONS,
+        held=held,
+        node=np.zeros((nodes, 7)),
+        link=np.zeros((nodes, 3), np.int64),
+        command=np.zeros((nodes, block, 2)),
+        heap=np.zeros((nodes, 2)),
+        key=np.zeros((4 * nodes, 2), np.int64),
+        least=np.zeros(4 * nodes),
+        search=np.zeros(1, np.int64),
+        expansions=_EXPANSIONS,
     )

@@ -58,7 +58,7 @@ def contexts_for(task: Task, moves: Moves, heading: float) -> tuple[ContextPair,
 
 
 def is_turned(robot: RobotSpec, before: float, heading: float) -> bool:
-    """Tell whether a robot that cannot turn has another heading than that `before`, rad, for which its contexts are."""
+    """Tell whether a robot that cannot turn has been turned since its contexts were made for the heading `before`, rad."""
     keeps = not robot.wheels and robot.footprint is not None
     return keeps and not abs(math.remainder(heading - before, math.tau)) <= _TURNED
 
@@ -190,9 +190,9 @@ def with_far_nodes(
 ) -> PlanningContext:
     """Return `kept`, or a context like it with fewer nodes if the cells are much smaller than the robot.
 
-    The moves that a search may test in a control cycle lead the farther, the farther nodes are apart. No nodes are left out if
-    the path from the start would get longer by more than 2 %. `context` is that of `planning_context`, and `kept` either the
-    same or that of `away_from_walls`.
+    A search tests a limited number of moves in a control cycle, so it looks farther ahead where nodes are farther apart. No
+    nodes are left out if the path from the start would get longer by more than 2 %. `context` is that of `planning_context`,
+    and `kept` either the same or that of `away_from_walls`.
     """
     grid, robot, margin = task.grid, replace(task.robot, radius=context.radius, footprint=None), kept is not context
     most = _time_from(kept, grid, start) * _LONGER

@@ -147,7 +147,7 @@ class AntwayPolicy:
 
         self.state: State | None = None
         self._in_common = False
-        self._heading = math.nan  # rad; that which a robot keeps that cannot turn; NaN: not known, or it turns
+        self._heading = math.nan  # rad; heading of a robot that cannot turn; NaN for one that can, and before the first cycle
         self._beside: Beside[State | Counted] | None = None
 
     @property
@@ -231,6 +231,8 @@ class AntwayPolicy:
             set_times(self._state, *found)
             return
         self.state = carried_on(found, self._state)
+        if found.controls is not None:
+            found.controls.set_spread(found.response.spread)
         if found.task.robot != found.response.robot:  # more has been learnt meanwhile
             self._suit_response(t)
 

@@ -20,6 +20,9 @@ _DISCOUNT = 0.3  # 1; a plan keeps this share of a tube's width, because full tu
 _MARGIN = 0.005  # m; least distance kept to predicted obstacles
 _DRIFT_TIME = 0.2  # s; the margin grows by this times the standard deviation of a track's velocity
 _EXTRA_DRIFT_TIME = 1.0  # s; a plan with additional clearance keeps this times that deviation more from 1.5 s ahead on
+_LEG_NODES = 2  # the first move of a path ends at most this many nodes around the robot
+_BETAS = (100.0, 30.0, 10.0, 100.0)  # 1/s; greediness of the ants in turn: three follow the field closely, one explores
+_SLACK = (9.0, 0.0, 0.05, 0.2)  # s; each of these ants gives up once its path has become this much longer
 
 
 def make_settings(policy: AntwayPolicy, task: Task, radius: float) -> Settings:
@@ -40,9 +43,9 @@ def make_settings(policy: AntwayPolicy, task: Task, radius: float) -> Settings:
         drift_time=0.0 if strict or controlled or policy.margin is not None else _DRIFT_TIME,
     )
     colony = ColonySettings(
-        leg_cells=2,
-        betas=np.array([100.0, 30.0, 10.0, 100.0]),
-        slack=np.array([9.0, 0.0, 0.05, 0.2]),
+        leg_cells=_LEG_NODES,
+        betas=np.array(_BETAS),
+        slack=np.array(_SLACK),
         minimum_improvement=policy.minimum_improvement,
         amount=policy.deposit,
         distance_weight=policy.distance_weight,

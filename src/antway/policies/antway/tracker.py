@@ -18,7 +18,7 @@ from antway.world.policy import XY, Observation, Tracks
 ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
 _NEAR = 0.8  # m; a track without a name is matched if it is nearer than this to its predicted place
-NAMELESS = 2**52  # tracks that the sensor gives no name are named by numbers from here on; above, floats lose whole numbers
+NAMELESS = 2**52  # tracks that the sensor gives no name are numbered from here on; up to 2**53 floats hold all whole numbers
 _LARGEST_NAME = 2.0**63 - 1024.0  # the largest float that is a whole number of 64 bits
 _MEASURED = 0.9 * kalman.UNKNOWN**2  # m^2/s^2; a measured velocity is known better than one that is not measured
 _UNDERSTATED = 4.0  # 1; a sensor whose innovations show a variance of places this many times the stated one understates it

@@ -132,7 +132,7 @@ class Dance:
     def __init__(self) -> None:
         self.until = self._expires = -math.inf  # s; up to when the robot counts as going to and fro
         self._scans: deque[tuple[float, XY, float]] = deque(maxlen=_SCANS)  # time, place and time to the goal at the last scans
-        self._first: dict[int, tuple[float, XY]] = {}  # when and where each obstacle was first seen since the robot does
+        self._first: dict[int, tuple[float, XY]] = {}  # when and where each obstacle was first seen meanwhile
 
     def __str__(self) -> str:
         return (

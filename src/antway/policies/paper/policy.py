@@ -30,6 +30,7 @@ from antway.world.rollouts import acting
 WAITS = 0.5  # s; step between the waiting times that are compared, and pause between two searches for a detour while waiting
 NEAR = 2.0  # s; a conflict later than this, for which no detour is known yet, does not make the robot stop
 REFUGES = 30  # number of cells to step back to that are tried
+_REMEMBERED = 1.0  # s; the last place of a track that was not seen for longer is forgotten
 Costs = tuple[tuple[str, float], ...]
 Window = tuple[int, int, int, int]  # row and column of the corner, and numbers of rows and columns
 
@@ -214,6 +215,7 @@ class PaperPolicy:
     def _look(self, seen: Observation) -> Ahead:
         """Predict the range of motion of every track; a missing velocity is that between its last two places, or none."""
         tracks, velocity, now = seen.tracks, seen.tracks.velocity.copy(), seen.sensed_at
+        self.places = {number: place for number, place in self.places.items() if now - place[0] <= _REMEMBERED}
         for k, (number, (x, y)) in enumerate(zip(tracks.id.tolist(), tracks.xy.tolist())):
             t, px, py, vx, vy = self.places.get(number, (now, x, y, 0.0, 0.0))
             if now > t:
