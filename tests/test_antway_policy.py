@@ -19,6 +19,7 @@ from antway import (
     Command,
     Decision,
     Grid,
+    Moves,
     Observation,
     Outcome,
     OutOfBounds,
@@ -33,6 +34,7 @@ from antway import (
     run,
 )
 from antway.kernels.base import jit
+from antway.kernels.crossing import ARRIVAL, KNOT_COUNT
 from antway.planning import TimedPath
 from antway.policies.antway import rehearsal
 from antway.policies.antway import state as state_module
@@ -612,3 +614,21 @@ def test_a_policy_can_be_pickled_in_an_episode(robot: str) -> None:
     for _ in range(20):
         episode.step()
     assert len(commands) == 20 and all(one == other for one, other in commands)
+
+
+def test_a_plan_of_more_than_512_states_is_whole() -> None:
+    """In a hall of 75 m with baffles, a plan for 70 s on fine cells begins now and here, and is nowhere too fast."""
+    blocked = np.zeros((31, 750), np.bool_)
+    for i, col in enumerate(range(50, 720, 40)):
+        blocked[slice(0, 16) if i % 2 else slice(14, 31), col] = True
+    task = Task(Grid(blocked, 0.1), RobotSpec(), (1.05, 1.55), (73.95, 1.55))
+    policy = AntwayPolicy(guard=False, horizon=70.0, expansions=16_000, moves=Moves.EIGHT)
+    policy.reset(task, 0)
+    for now in (0.0, 0.6):
+        state = policy.state.plan.state
+        state[KNOT_COUNT], state[ARRIVAL] = 0.0, math.inf  # there is no plan yet
+        policy.act(Observation(now, task.start, (0.0, 0.0), 0.0, Tracks.none()))
+    plan = policy.planned()
+    speed = np.hypot(*np.diff(plan.xy, axis=0).T) / np.diff(plan.t)
+    assert plan.t[0] == 0.6 and plan.xy[0].tolist() == pytest.approx([1.05, 1.55]) and plan.t[-1] > 70.0
+    assert (np.diff(plan.t) > 0.0).all() and speed.max() < 1.0 + 1e-9

@@ -318,3 +318,15 @@ def test_missing_velocities_are_those_between_scans() -> None:
         seen = Observation(t, (1.1, 3.1), (0.0, 0.0), 0.0, Tracks([4, -1], [(x, 1.0), (x, 5.0)], unknown, [0.3, 0.3]), stamp)
         velocity = policy._look(seen).velocity
     assert velocity == pytest.approx(np.array([(-0.5, 0.0), (0.0, 0.0)]))
+
+
+def test_places_of_tracks_that_are_gone_are_forgotten() -> None:
+    """Of 200 tracks that come for one scan each, those of the last second are left; who comes back later has no velocity."""
+    policy = make_policy("paper")
+    policy.reset(hall().task, 0)
+    unknown = [[math.nan, math.nan]]
+    for k in range(200):
+        policy._look(Observation(0.1 * k, (1.0, 2.0), (0.0, 0.0), 0.0, Tracks([k], [[4.0, 1.0]], unknown, [0.2])))
+    assert 10 <= len(policy.places) <= 12
+    ahead = policy._look(Observation(20.0, (1.0, 2.0), (0.0, 0.0), 0.0, Tracks([3], [[2.0, 1.0]], unknown, [0.2])))
+    assert ahead.velocity.tolist() == [[0.0, 0.0]]

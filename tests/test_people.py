@@ -87,6 +87,14 @@ def test_harm_is_what_its_slow_twin_finds() -> None:
     assert some > 10
 
 
+def test_harm_looks_as_far_ahead_at_every_control_rate() -> None:
+    """Who touches a standing robot in 1.9 s counts as much at 50 and at 100 Hz as at 10 Hz, to a tenth."""
+    path, tracks = np.empty((64, 5)), _rows((2.5, 0.0, -1.0, 0.0))
+    at = RobotState(0.0, 0.0, 0.0, 0.0, 0.0)
+    found = [harm(at, 0.0, 0.0, 0.0, tracks, LIMITS, dt, math.inf, path) for dt in (0.1, 0.05, 0.02, 0.01)]
+    assert found == pytest.approx([found[0]] * 4, rel=0.1) and found[0] > 0.1
+
+
 def test_least_harm_leaves_the_way_of_a_runner_and_of_three_abreast() -> None:
     """Who runs at 2.5 m/s is sidestepped; before three abreast the robot goes round their nearer end, or runs before them."""
     dt = 0.1

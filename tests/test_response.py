@@ -463,3 +463,17 @@ def test_a_robot_that_turns_slowly_leaves_a_wall(rates: tuple[float, float]) -> 
         if math.dist((state.x, state.y), task.goal) <= task.goal_tolerance:
             break
     assert math.dist((state.x, state.y), task.goal) <= task.goal_tolerance
+
+
+def test_what_is_computed_anew_keeps_the_distance_for_an_uncertain_place() -> None:
+    """In the cycle in which a state is made anew, the colony keeps the same distances as before."""
+    policy = AntwayPolicy(guard=False)
+    policy.reset(Task(Grid(np.zeros((40, 60), np.bool_), 0.1), RobotSpec(a_max=1.0), (1.0, 2.0), (5.0, 2.0)), 0)
+    before = policy.state
+    before.response.spread = 0.08
+    before.controls.set_spread(0.08)
+    policy._compute_anew(0.0, before.task)
+    assert policy.state is not before
+    after = policy.state.controls
+    assert after.margins == before.controls.margins and after.margins.margin > 0.08
+    assert after.problem.weights.wall_margin == before.controls.problem.weights.wall_margin

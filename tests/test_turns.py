@@ -10,7 +10,7 @@ import pytest
 from antway import Grid, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
 from antway.kernels.base.records import RobotState
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
-from antway.kernels.controls.problem import CONTACT, STRAIGHT, TURN_DISTANCE, TURN_TIME
+from antway.kernels.controls.problem import CONTACT, SPEED, STRAIGHT, TURN_DISTANCE, TURN_TIME
 from antway.kernels.tracking import kalman
 from antway.kernels.tracking.changes import COLUMNS, FIRST_SECONDS, velocity_changes
 from antway.kernels.tracking.kalman import UNKNOWN
@@ -213,3 +213,13 @@ def test_nobody_who_walks_ahead_and_stops_is_touched(stops_for: float) -> None:
         result = run(corridor, "antway", seed=seed)
         check_episode(result)
         assert result.outcome is Outcome.TIMEOUT and result.trace.xy[-1, 0] > 3.0
+
+
+def test_who_is_faster_than_declared_is_not_expected_to_slow_down() -> None:
+    """Of an obstacle seen at 2 m/s, where 1 m/s is declared, 2 m/s is the bound; a slower one may still reach 1 m/s."""
+    at, margins = RobotState(0.0, 0.0, 0.0, 0.0, 0.0), Margins(0.01, 0.05, 2.0, 1.2, 0.4, 0.1, 2.0)
+    for seen, growth, bound in ((2.0, 0.0, 2.0), (2.0, 1.0, 2.0), (0.5, 1.0, 1.0), (0.5, 0.2, 0.7)):
+        outlook = empty_outlook(10)
+        segments = np.array([[0.0, 9.0, 2.0, 0.0, -seen, 0.0, 0.6, 0.6]])
+        look_ahead(segments, np.zeros((1, 2)), 0.0, 0.1, at, SpeedBounds(1.0, 1.0, 1.0, growth), margins, 0.0, outlook)
+        assert outlook.near[9] == 1 and outlook.disc[9, 0, SPEED] == pytest.approx(bound)
