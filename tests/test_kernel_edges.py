@@ -94,7 +94,7 @@ def test_medians_take_longer_steps_from_the_tenth_of_a_run_on(large: bool) -> No
 
 
 def test_one_jump_counts_as_one_metre_per_second() -> None:
-    """Of an error of 50 m/s, which a place that jumps seems to be; both ways of foretelling it err alike."""
+    """Of an error of 50 m/s, which a place that jumps seems to be; both ways of predicting it err alike."""
     table, state, span = make_table(4, reported.COLUMNS), np.zeros(3), (0.0, 10.0, 2.0)
     for t, x in ((0.0, 0.0), (0.1, 0.1), (0.2, 5.2)):
         args = t, np.array([0]), np.array([[x, 0.0]]), np.array([[1.0, 0.0]])

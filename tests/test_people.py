@@ -1,4 +1,4 @@
-"""People: what foretells them best, how wrong their places are, tubes that hold, and least harm where nothing is certain."""
+"""People: what predicts them best, how wrong their places are, tubes that hold, and least harm where nothing is certain."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def _averaged(scans, terrain: Terrain = AIR, restart: bool = True) -> np.ndarray
 
 
 @pytest.mark.parametrize("sways", [False, True])
-def test_the_average_that_foretold_best_is_taken(sways: bool) -> None:
+def test_the_average_that_predicted_best_is_taken(sways: bool) -> None:
     """Velocities that sway from scan to scan are averaged; those that hold until they turn are taken as they are."""
     rng, off = np.random.default_rng(2), []
     for _ in range(cases(20, 500)):
@@ -180,7 +180,7 @@ def test_discs_that_bounce_are_not_averaged(restart: bool) -> None:
 
 @pytest.mark.parametrize(("before", "after"), [(1.2, 0.0), (1.2, -0.8), (0.0, 0.8)])
 def test_who_stops_turns_back_or_sets_out_is_noticed_at_once(before: float, after: float) -> None:
-    """People sway, so averages foretell them best; 0.2 s after a change at 3 m/s^2 the velocity is right to 0.25 m/s."""
+    """People sway, so averages predict them best; 0.2 s after a change at 3 m/s^2 the velocity is right to 0.25 m/s."""
     rng = np.random.default_rng(8)
     for _ in range(cases(10, 200)):
         step, phase, ends = float(rng.choice([0.05, 0.1])), rng.uniform(0, 6, 2), 4.0 + abs(after - before) / 3.0
@@ -628,7 +628,7 @@ def test_tubes_hold_on_the_model_of_the_filter(chance: float) -> None:
 
 
 def test_the_variance_of_people_is_that_of_white_acceleration() -> None:
-    """Places that start with the variances of a person spread as foretold, to 3 %, after 0.5, 1, 2 and 4 s."""
+    """Places that start with the variances of a person spread as predicted, to 3 %, after 0.5, 1, 2 and 4 s."""
     rng, n, dt, sway = np.random.default_rng(4), 20_000, 0.05, 0.3
     own = 0.5 * sway**2 - PEOPLE_DENSITY * LATER / 3
     place, velocity = rng.normal(0.0, 0.01, n), rng.normal(0.0, math.sqrt(own), n)
@@ -648,7 +648,7 @@ def test_tubes_of_people_hold_on_their_law() -> None:
 
 
 @needs_data
-def test_recorded_people_are_foretold_no_worse_than_by_constant_velocity() -> None:
+def test_recorded_people_are_predicted_no_worse_than_by_constant_velocity() -> None:
     """On every recording the errors are at most 3 % above those of constant velocity, and on the noisy ones well below."""
     for name, most in (("eth", 0.9), ("zara01", 1.03), ("citr", 0.8)):
         told = forecast(str(SHARED / "tracks" / f"{name}.csv"))

@@ -208,7 +208,7 @@ def test_columns_of_a_recording_are_found_by_name(tmp_path):
 
 
 def test_recordings_of_four_columns(tmp_path):
-    """Frame, id, x, y, as the sets of those who foretell paths have them: frames are 0.4 s apart."""
+    """Frame, id, x, y, as the sets of those who predict paths have them: frames are 0.4 s apart."""
     (tmp_path / "zara.txt").write_text("780\t1\t8.4\t3.5\n790\t1\t9.1\t3.6\n790\t2\t0.0\t0.0\n800\t2\t0.5\t0.0\n")
     found = read_tracks(str(tmp_path / "zara.txt"))
     assert found == pytest.approx(np.array([(0.0, 1, 8.4, 3.5), (0.4, 1, 9.1, 3.6), (0.4, 2, 0.0, 0.0), (0.8, 2, 0.5, 0.0)]))

@@ -38,7 +38,7 @@ REST = RobotState(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_speeds_are_foretold_as_steps_of_a_millisecond_foretell_them(drive: int) -> None:
+def test_speeds_are_predicted_as_steps_of_a_millisecond_predict_them(drive: int) -> None:
     """For commands at each 0.1 s that act up to 0.4 s later, some before the time looked at and some within it."""
     rng = np.random.default_rng(drive)
     for _ in range(cases(40, 2000)):
@@ -74,7 +74,7 @@ def test_errors_are_those_of_each_candidate() -> None:
 
 @pytest.mark.parametrize("drive", DRIVES)
 def test_a_place_is_missed_by_as_much_as_it_is_wrong(drive: int) -> None:
-    """By the distance by which it was moved from where steps of a millisecond lead, whatever command was foretold."""
+    """By the distance by which it was moved from where steps of a millisecond lead, whatever command was predicted."""
     rng = np.random.default_rng(drive)
     for _ in range(cases(40, 2000)):
         limits = some_limits(rng, drive)
@@ -84,11 +84,11 @@ def test_a_place_is_missed_by_as_much_as_it_is_wrong(drive: int) -> None:
         angle, miss = rng.uniform(0.0, 2.0 * math.pi), rng.choice([0.0, 0.1])
         now = np.array([0.1, x + miss * math.cos(angle), y + miss * math.sin(angle), theta, one, two])
         for other in (command, some_command(rng)):
-            foretold = drive_cycle(RobotState(0.0, 0.0, 0.0, state.a, state.b), *other, limits, 0.1)
+            predicted = drive_cycle(RobotState(0.0, 0.0, 0.0, state.a, state.b), *other, limits, 0.1)
             place = np.zeros(PLACE)
             place[LED] = 1e9  # no factor is fitted
-            found = learn_place(np.array([0.0, *state]), now, foretold, drive == HOLONOMIC, 1.0, place)
-            jump = 0.05 * math.hypot(one - foretold.a, two - foretold.b)
+            found = learn_place(np.array([0.0, *state]), now, predicted, drive == HOLONOMIC, 1.0, place)
+            jump = 0.05 * math.hypot(one - predicted.a, two - predicted.b)
             assert found * math.sqrt(2.0) == pytest.approx(miss, abs=2.0 * jump + 2e-3)
 
 
@@ -160,7 +160,7 @@ def test_a_robot_that_is_as_declared_stays_so(name: str) -> None:
 @pytest.mark.parametrize("latency", [0.0, 0.17])
 @pytest.mark.parametrize("alpha_max", [9.0, math.inf])
 @pytest.mark.parametrize("turning_radius", [0.0, 0.7])
-def test_fast_wheels_that_are_as_declared_are_where_they_are_foretold(
+def test_fast_wheels_that_are_as_declared_are_where_they_are_predicted(
     turning_radius: float, alpha_max: float, latency: float
 ) -> None:
     """Also where their turn rate grows within a period, which leads them some millimetres to the side of an arc's chord."""
@@ -265,7 +265,7 @@ def test_a_robot_that_is_carried_elsewhere_knows_its_place_as_well_as_before(nam
     assert response.robot is declared
 
 
-def test_a_turn_rate_that_is_not_measured_is_foretold() -> None:
+def test_a_turn_rate_that_is_not_measured_is_predicted() -> None:
     """Simulators of others may leave it out of their observations, where it is 0 then."""
     response, twist = Response(DIFF), Command(twist=(0.0, 1.9))
     state = RobotState(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -312,8 +312,8 @@ def test_speeds_are_compared_with_places(drive: int) -> None:
         seen = rng.normal(0.0, 1.0, (n, 6))
         seen[:, T] = np.cumsum(rng.uniform(0.05, 0.2, n))
         led = [RobotState(*rng.normal(0.0, 1.0, 5)) for _ in range(n - 1)]
-        for (before, now), foretold in zip(pairwise(seen), led):
-            compare_speeds(before, now, foretold, holonomic, memory, odometry)
+        for (before, now), predicted in zip(pairwise(seen), led):
+            compare_speeds(before, now, predicted, holonomic, memory, odometry)
         passed, sums, weight = np.diff(seen[:, T]), np.zeros(3), 0.0
         velocity = np.diff(seen[:, [X, Y]], axis=0) / passed[:, None]
         for k in range(1, n - 1):

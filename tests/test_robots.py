@@ -116,7 +116,7 @@ def test_robots_of_every_kind_pass_the_check() -> None:
         check_episode(run(hall(rng, slides, 0), Wanderer(), seed=seed))
 
 
-class Foretells(Wanderer):
+class Predicts(Wanderer):
     """A wanderer that notes in which state it is told to be when its command begins to act."""
 
     def reset(self, task, seed):
@@ -131,7 +131,7 @@ class Foretells(Wanderer):
 @pytest.mark.parametrize("name", EVERY)
 def test_a_command_begins_to_act_where_the_observation_says(name: str) -> None:
     """The simulator is there two periods later; a footprint without wheels has not turned to where it goes."""
-    robot, wanderer = replace(EVERY[name], latency=0.2, dt=0.1), Foretells()
+    robot, wanderer = replace(EVERY[name], latency=0.2, dt=0.1), Predicts()
     result = run(hall(np.random.default_rng(5), robot, 0), wanderer, seed=3)
     trace = result.trace
     assert trace is not None and len(trace.t) > 15

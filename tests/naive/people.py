@@ -187,7 +187,7 @@ def bounced(state, radius, side, dt, xy, velocity, deviations) -> tuple[list[flo
 
 
 def velocities_are_wrong(scans, span, enough, times, memory=0.995, least=0.03, most=1.0, far=0.5) -> list[bool]:
-    """After each scan (t, ids, xy, velocity): whether reported velocities foretold worse than the two places before did.
+    """After each scan (t, ids, xy, velocity): whether reported velocities predicted worse than the two places before did.
 
     Places at least `span` s apart are compared, with how far the velocities reported between them have led; after a gap of more
     than `far` s a span begins anew.

@@ -15,9 +15,9 @@ from antway.kernels.base.records import RobotState
 T, X, Y, HEADING, A, B = range(6)
 COLUMNS = 6
 # The entries of `odometry`: sums of the errors, m/s, of the measured speeds, of the velocity between the two places before, and
-# of the speeds that are foretold from the commands alone; the sum of their weights; the velocity between the last two places,
-# m/s; and the speeds that are so foretold for now.
-MEASURED, BETWEEN, FORETOLD, COMPARED, LAST_X, LAST_Y, FORETOLD_A, FORETOLD_B = range(8)
+# of the speeds that are predicted from the commands alone; the sum of their weights; the velocity between the last two places,
+# m/s; and the speeds that are so predicted for now.
+MEASURED, BETWEEN, PREDICTED, COMPARED, LAST_X, LAST_Y, PREDICTED_A, PREDICTED_B = range(8)
 ODOMETRY = 8  # entries of `odometry`
 
 
@@ -38,12 +38,12 @@ def middle_heading(before: NDArray[np.float64], now: NDArray[np.float64]) -> flo
 def compare_speeds(
     before: NDArray[np.float64],
     now: NDArray[np.float64],
-    foretold: RobotState,
+    predicted: RobotState,
     holonomic: bool,
     memory: float,
     odometry: NDArray[np.float64],
 ) -> None:
-    """Add the errors of measured speeds, of the velocity between the two places before, and of the speeds that are foretold.
+    """Add the errors of measured speeds, of the velocity between the two places before, and of the speeds that are predicted.
 
     Each is compared with the velocity between the last two places. Measured speeds have no error if it lies between those
     before and now.
@@ -52,7 +52,7 @@ def compare_speeds(
     ----------
     before, now : float64[COLUMNS]
         Two successive observations.
-    foretold : RobotState
+    predicted : RobotState
         Where the robot as it is declared would be now if it was at (0, 0), with the heading 0, before, and had always followed
         its commands.
     holonomic : bool
@@ -66,9 +66,9 @@ def compare_speeds(
     vx, vy = (now[X] - before[X]) / passed, (now[Y] - before[Y]) / passed
     ahead, left = c * vx + s * vy, c * vy - s * vx
     a, b, more_a, more_b = before[A], before[B], now[A] - before[A], now[B] - before[B]
-    led_a, led_b = foretold.x / passed, foretold.y / passed
+    led_a, led_b = predicted.x / passed, predicted.y / passed
     if not holonomic:
-        b, more_b, led_a, led_b = 0.0, 0.0, chord(foretold) / passed, 0.0
+        b, more_b, led_a, led_b = 0.0, 0.0, chord(predicted) / passed, 0.0
     more = more_a * more_a + more_b * more_b
     part = min(max(((ahead - a) * more_a + (left - b) * more_b) / more, 0.0), 1.0) if more > 0.0 else 0.0
     if not math.isnan(odometry[LAST_X]):
@@ -76,6 +76,6 @@ def compare_speeds(
         between = math.hypot(vx - odometry[LAST_X], vy - odometry[LAST_Y])
         odometry[MEASURED] = memory * odometry[MEASURED] + measured
         odometry[BETWEEN] = memory * odometry[BETWEEN] + between
-        odometry[FORETOLD] = memory * odometry[FORETOLD] + math.hypot(ahead - led_a, left - led_b)
+        odometry[PREDICTED] = memory * odometry[PREDICTED] + math.hypot(ahead - led_a, left - led_b)
         odometry[COMPARED] = memory * odometry[COMPARED] + 1.0
-    odometry[LAST_X], odometry[LAST_Y], odometry[FORETOLD_A], odometry[FORETOLD_B] = vx, vy, foretold.a, foretold.b
+    odometry[LAST_X], odometry[LAST_Y], odometry[PREDICTED_A], odometry[PREDICTED_B] = vx, vy, predicted.a, predicted.b

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.robot.motion import drive_roughly
-from antway.kernels.robot.odometry import FORETOLD_A, FORETOLD_B, LAST_X, A, B, T, X, Y, compare_speeds, middle_heading
+from antway.kernels.robot.odometry import LAST_X, PREDICTED_A, PREDICTED_B, A, B, T, X, Y, compare_speeds, middle_heading
 
 GROWS, SLOWS, TURNS = 0, 1, 2  # kinds of errors, each of which depends on one of the candidates' three limits
 # The entries of `place`: the error of the robot's place in x and y, m; the sum of its squares, m^2, and of their weights; and
@@ -56,26 +56,26 @@ def answered(state: RobotState, period: Period, limits: RobotLimits) -> RobotSta
 def learn_place(
     before: NDArray[np.float64],
     now: NDArray[np.float64],
-    foretold: RobotState,
+    predicted: RobotState,
     holonomic: bool,
     memory: float,
     place: NDArray[np.float64],
 ) -> float:
     """Return the standard deviation of the errors of the robot's place in x and in y, m; the parameters as in `learn`.
 
-    A miss is the distance of the robot from the place foretold, corrected by the error of the speeds foretold, as if that had
+    A miss is the distance of the robot from the place predicted, corrected by the error of the speeds predicted, as if that had
     grown evenly. An error is the sum of all misses, which are forgotten within a few seconds: a place that jumps stays wrong
-    until it jumps again. Speeds that are wrong by a constant factor do not count. `foretold` is the state now if it was at
+    until it jumps again. Speeds that are wrong by a constant factor do not count. `predicted` is the state now if it was at
     (0, 0), with the heading 0, before.
     """
     passed = now[T] - before[T]
-    more_a, more_b = 0.5 * passed * (now[A] - foretold.a), 0.5 * passed * (now[B] - foretold.b)
+    more_a, more_b = 0.5 * passed * (now[A] - predicted.a), 0.5 * passed * (now[B] - predicted.b)
     if holonomic:
-        led_x, led_y = foretold.x + more_a, foretold.y + more_b
+        led_x, led_y = predicted.x + more_a, predicted.y + more_b
     else:  # ramps of fast wheels lead some millimetres to the side of the middle heading
-        half, middle = 0.5 * foretold.theta, middle_heading(before, now)
-        ahead = foretold.x * math.cos(half) + foretold.y * math.sin(half) + more_a
-        left = foretold.y * math.cos(half) - foretold.x * math.sin(half)
+        half, middle = 0.5 * predicted.theta, middle_heading(before, now)
+        ahead = predicted.x * math.cos(half) + predicted.y * math.sin(half) + more_a
+        left = predicted.y * math.cos(half) - predicted.x * math.sin(half)
         led_x = ahead * math.cos(middle) - left * math.sin(middle)
         led_y = ahead * math.sin(middle) + left * math.cos(middle)
     miss_x, miss_y = now[X] - before[X] - led_x, now[Y] - before[Y] - led_y
@@ -119,7 +119,7 @@ def learn(
     place: NDArray[np.float64],
     odometry: NDArray[np.float64],
 ) -> tuple[float, float, float, float]:
-    """Add the errors with which each candidate foretells the present speeds from those before.
+    """Add the errors with which each candidate predicts the present speeds from those before.
 
     While the first candidate has been right, only its own errors are added.
 
@@ -156,13 +156,13 @@ def learn(
     before, now, holonomic = period.before, period.now, limits.drive == HOLONOMIC
     state = RobotState(0.0, 0.0, 0.0, before[A], before[B])
     in_use = _limited(limits, ramps[used[1], 0], ramps[used[2], 1], ramps[used[3], 2], latencies[used[0]])
-    foretold = answered(state, period, in_use)
+    predicted = answered(state, period, in_use)
     if math.isnan(odometry[LAST_X]):
-        odometry[FORETOLD_A], odometry[FORETOLD_B] = before[A], before[B]
-    alone = RobotState(0.0, 0.0, 0.0, odometry[FORETOLD_A], odometry[FORETOLD_B])
+        odometry[PREDICTED_A], odometry[PREDICTED_B] = before[A], before[B]
+    alone = RobotState(0.0, 0.0, 0.0, odometry[PREDICTED_A], odometry[PREDICTED_B])
     declared = _limited(limits, ramps[0, 0], ramps[0, 1], ramps[0, 2], latencies[0])
     compare_speeds(before, now, answered(alone, period, declared), holonomic, memory, odometry)
-    misplaced = learn_place(before, now, foretold, holonomic, memory, place)
+    misplaced = learn_place(before, now, predicted, holonomic, memory, place)
     slows = math.hypot(now[A], now[B]) < math.hypot(before[A], before[B]) if holonomic else abs(now[A]) < abs(before[A])
     for i in range(len(latencies)):
         for k in range(len(ramps)):

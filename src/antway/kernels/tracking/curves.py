@@ -1,4 +1,4 @@
-"""Tracks that turn at a constant rate: they are predicted on a circle where that has foretold them better than a straight line.
+"""Tracks that turn at a constant rate: they are predicted on a circle where that has been better than a straight line.
 
 The model is that of constant turn rate and velocity (Schubert, Richter and Wanielik: Comparison and evaluation of advanced
 motion models for vehicle tracking, Fusion 2008).

@@ -34,7 +34,7 @@ def wrong(
     velocity: NDArray[np.float64],
     span: tuple[float, float, float],
 ) -> bool:
-    """Tell, after one more scan, whether reported velocities foretell places worse than the two places before do.
+    """Tell, after one more scan, whether reported velocities predict places worse than the two places before do.
 
     They are wrong if their mean error is more than a few times that of the velocity between the two places before.
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from antway.kernels.base.records import RobotLimits, RobotState
 from antway.kernels.robot.odometry import (
     COMPARED,
-    FORETOLD_B,
     HEADING,
     LAST_X,
     LAST_Y,
     ODOMETRY,
+    PREDICTED_B,
     A,
     B,
     T,
@@ -36,15 +36,15 @@ _UNSEEN = 0.05  # rad; a robot that turns by more in a cycle at a turn rate of 0
 class Odometry:
     """Tells whether the speeds that a robot measures are right, and what they are where they are wrong.
 
-    They are wrong if the velocity from one place to the next lies outside of what is measured at both, and is foretold twice as
-    well by the velocity before, or by the commands alone.
+    They are wrong if the velocity from one place to the next lies outside of what is measured at both, and is predicted twice
+    as well by the velocity before, or by the commands alone.
 
     Attributes
     ----------
     measured : bool
         Whether the speeds that are measured are used.
     turn_rate : float or None
-        rad/s; as foretold; None while it is measured.
+        rad/s; as predicted; None while it is measured.
     table : float64[ODOMETRY]
         See kernels/robot/odometry.py.
     """
@@ -60,8 +60,8 @@ class Odometry:
 
     def check(self, before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
         """Tell whether speeds turn out to be wrong; those of the observation `now` are then corrected."""
-        wrong, (error, between, foretold, compared) = False, self.table[: COMPARED + 1].tolist()
-        if self.measured and compared >= _ENOUGH and error > 2.0 * min(between, foretold) + _SLIP * compared:
+        wrong, (error, between, predicted, compared) = False, self.table[: COMPARED + 1].tolist()
+        if self.measured and compared >= _ENOUGH and error > 2.0 * min(between, predicted) + _SLIP * compared:
             vx, vy = self.table[[LAST_X, LAST_Y]].tolist()
             if self.wheels:
                 now[A] = vx * math.cos(now[HEADING]) + vy * math.sin(now[HEADING])
@@ -77,28 +77,28 @@ class Odometry:
         if now[B] != 0.0 or before[B] != 0.0:
             return False
         turned = math.remainder(now[HEADING] - before[HEADING], math.tau)
-        asked = self.table[FORETOLD_B] * (now[T] - before[T])
+        asked = self.table[PREDICTED_B] * (now[T] - before[T])
         return bool(abs(turned) > _UNSEEN and abs(turned - asked) < abs(asked))
 
     def correct(self, period: Period, limits: RobotLimits) -> None:
-        """Replace wrong speeds in the observation of now by those that are foretold.
+        """Replace wrong speeds in the observation of now by those that are predicted.
 
-        How much farther the robot came in this cycle than was foretold is added to them, as a speed.
+        How much farther the robot came in this cycle than was predicted is added to them, as a speed.
         """
         if self.measured:
             return
         before, now = period.before, period.now
         passed, dx, dy = now[T] - before[T], now[X] - before[X], now[Y] - before[Y]
-        foretold = answered(RobotState(0.0, 0.0, 0.0, before[A], before[B]), period, limits)
+        predicted = answered(RobotState(0.0, 0.0, 0.0, before[A], before[B]), period, limits)
         if self.wheels:
             middle = middle_heading(before, now)
             ahead = dx * math.cos(middle) + dy * math.sin(middle)
-            now[A] = foretold.a + (ahead - chord(foretold)) / passed
+            now[A] = predicted.a + (ahead - chord(predicted)) / passed
         else:
-            now[A], now[B] = foretold.a + (dx - foretold.x) / passed, foretold.b + (dy - foretold.y) / passed
+            now[A], now[B] = predicted.a + (dx - predicted.x) / passed, predicted.b + (dy - predicted.y) / passed
 
     def turn(self, period: Period, limits: RobotLimits) -> None:
-        """Foretell the turn rate, if it is not measured."""
+        """Predict the turn rate, if it is not measured."""
         if self.turn_rate is not None:
             state = RobotState(0.0, 0.0, 0.0, float(period.now[A]), self.turn_rate)
             self.turn_rate = answered(state, period, limits).b

@@ -24,7 +24,7 @@ _LEAST = 3e-4  # 1; and lower by this, which is the square of 2 % of the top spe
 _TIE = 3e-5  # 1; candidates whose errors differ by less count as equally good; that nearest to the declared one is taken
 _GAP = 1.5  # control periods; after a longer gap between observations, earlier commands are forgotten
 _SAME = 0.02  # 1; a speed that changes by less, as a share of the declared top speed, stays
-_DRIFT = 0.3  # s; speeds that are foretold wrongly make the robot's place wrong for this time
+_DRIFT = 0.3  # s; speeds that are predicted wrongly make the robot's place wrong for this time
 _LEAST_SPREAD = 0.002  # m; a smaller uncertainty of the robot's place does not count
 _SHOWN = 0.01  # m; from this uncertainty on, explanations tell it
 _AT_ONCE = 8.0  # m/s^2; stands for an infinite acceleration where the robot's place is not known exactly
@@ -35,7 +35,7 @@ _KINDS = np.arange(3)  # of errors: GROWS, SLOWS and TURNS
 
 
 class Response:
-    """Compares the speeds of a robot with those that its spec foretells from the commands that it was given.
+    """Compares the speeds of a robot with those that its spec predicts from the commands that it was given.
 
     Candidates are latencies of up to 0.4 s more than declared, and limits of acceleration, of braking and of the change of the
     turn rate down to a fifth of those declared. What is in use is kept until another candidate has at most half of its squared
@@ -102,7 +102,7 @@ class Response:
             self.odometry.turn(period, self.robot.limits)
             self.error[TURNS] = turn = 0.0
         changed = (first > _LEAST and (self._limit() or self._choose())) or wrong
-        if changed:  # places were foretold by another candidate
+        if changed:  # places were predicted by another candidate
             self.place[:], misplaced = 0.0, 0.0
         turn *= self.robot.turn_rate if self.robot.turn_rate < math.inf else 1.0
         self.spread = misplaced + _DRIFT * self.robot.v_max * (speed + _DRIFT * turn)
@@ -191,7 +191,7 @@ class Response:
     def completed(self, o: Observation) -> Observation:
         """Return the observation with the commands that do not act yet on the robot as it is taken to be.
 
-        Speeds that are wrong are replaced by those that fit its places, and a turn rate that is not measured by that foretold.
+        Speeds that are wrong are replaced by those that fit its places, and a turn rate that is not measured by that predicted.
         """
         return self.with_pending(self.odometry.completed(o, self.seen[-1]))
 

@@ -44,7 +44,7 @@ class Tracker:
     fastest : float
         Speed of the fastest track seen, m/s.
     doubts_velocities : bool
-        Whether the velocities that the sensor reports are not used, because they do not foretell places.
+        Whether the velocities that the sensor reports are not used, because they do not predict places.
     """
 
     def __init__(self, strict: bool = False) -> None:
