@@ -13,6 +13,7 @@ from scipy.ndimage import distance_transform_edt
 
 from antway.kernels.base.jit import call
 from antway.kernels.base.rng import State, uniform
+from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.tracking import stays
 from antway.kernels.tracking.table import NAMED, SEEN, rows_in_use
 from antway.policies.antway.detours import Detours, diagonals, middles, node_near, without
@@ -84,36 +85,64 @@ class Yielding:
         """Return where the robot is to let somebody pass who waits for it; None if nobody does, or there is no such place."""
         if t < max(self._due, self._since + self._wait) or math.dist(xy, task.goal) <= task.goal_tolerance:
             return None
-        stay = rows[:, SEEN] - rows[:, stays.SINCE]
-        x, y = middles(rows)
-        away = np.where(stay >= _WAIT - 1e-6, np.hypot(x - xy[0], y - xy[1]), math.inf)
-        if not np.isfinite(away).any():
+        k = _nearest_waiting(rows, xy)
+        if k < 0:
             return None
-        self._due, k = t + _WAIT, int(away.argmin())
-        other, paths = (float(x[k]), float(y[k])), _Paths(detours, rows[stay >= 0.5 * _WAIT], xy)
-        came = rows[k, stays.SINCE] > self._first[float(rows[k, NAMED])] or diagonals(rows)[k] > _CAME
+        self._due, stay, row = t + _WAIT, rows[:, SEEN] - rows[:, stays.SINCE], rows[k]
+        paths = _Paths(detours, rows[stay >= 0.5 * _WAIT], xy)
+        came = row[stays.SINCE] > self._first[float(row[NAMED])] or diagonals(rows)[k] > _CAME
         needed = _WAIT if came and math.isinf(paths.to(task.goal)) else _UNSURE
         if min(stay[k], t - self._since) < needed - 1e-6:
             return None
         ends = paths.node(task.start), int(np.where(np.isfinite(paths.times), paths.times, -1.0).argmax())
-        robot = rows[k].copy()
-        robot[[stays.LOW_X, stays.LOW_Y]] = robot[[stays.HIGH_X, stays.HIGH_Y]] = xy
-        if np.isfinite(_Paths(detours, robot[None], other).times[list(ends)]).any():
+        if _leads_past(detours, row, xy, ends):
             return None
-        context, size, clear = detours.wide[0], detours.wide[0].resolution, np.ones(paths.free.shape, bool)
-        line = np.linspace(xy, other, 2 + int(math.dist(xy, other) / size))
-        cols, lines = np.rint((line - (context.x0, context.y0)) / size).astype(np.int64).T
-        clear[lines.clip(0, context.rows - 1), cols.clip(0, context.cols - 1)] = False
-        clear.ravel()[[node for end in ends for node in paths.path_from(end)]] = False
-        gap = size * distance_transform_edt(clear).ravel() - task.robot.radius - rows[k, stays.SIZE]
-        wall = size * distance_transform_edt(context.legal.reshape(clear.shape) != 0).ravel() + context.radius - size
-        times = np.where((gap >= _GAP) & (wall >= task.robot.radius - 1e-9), paths.times, math.inf)
+        context = detours.wide[0]
+        times = np.where(_lets_pass(task, context, paths, row, xy, ends), paths.times, math.inf)
         best = int(times.argmin())
         if times[best] > t - self._since:  # not before it has waited for as long as the way to the refuge takes
             return None
-        self._other = float(rows[k, NAMED])
-        row, col = divmod(best, context.cols)
-        return context.x0 + col * size, context.y0 + row * size
+        self._other = float(row[NAMED])
+        i, j = divmod(best, context.cols)
+        return context.x0 + j * context.resolution, context.y0 + i * context.resolution
+
+
+def _middle(row: NDArray[np.float64]) -> XY:
+    """Return the middle of where the obstacle of a row has stayed."""
+    x, y = middles(row[None])
+    return float(x[0]), float(y[0])
+
+
+def _nearest_waiting(rows: NDArray[np.float64], xy: XY) -> int:
+    """Return the row of the obstacle nearest to the robot at `xy` of those that have stayed for long; -1 if none has."""
+    x, y = middles(rows)
+    waits = rows[:, SEEN] - rows[:, stays.SINCE] >= _WAIT - 1e-6
+    return int(np.where(waits, np.hypot(x - xy[0], y - xy[1]), math.inf).argmin()) if waits.any() else -1
+
+
+def _leads_past(detours: Detours, row: NDArray[np.float64], xy: XY, ends: tuple[int, int]) -> bool:
+    """Tell whether a path leads the obstacle of `row` past the robot, which stays at `xy`, to one of the nodes `ends`."""
+    robot = row.copy()
+    robot[[stays.LOW_X, stays.LOW_Y]] = robot[[stays.HIGH_X, stays.HIGH_Y]] = xy
+    return bool(np.isfinite(_Paths(detours, robot[None], _middle(row)).times[list(ends)]).any())
+
+
+def _lets_pass(
+    task: Task, context: PlanningContext, paths: _Paths, row: NDArray[np.float64], xy: XY, ends: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Tell of each node whether a robot that stands there lets the obstacle of `row` pass.
+
+    The obstacle comes along the line to the robot's place `xy`, and goes on along the paths from there to the nodes `ends`.
+    """
+    size, clear, other = context.resolution, np.ones(paths.free.shape, bool), _middle(row)
+    line = np.linspace(xy, other, 2 + int(math.dist(xy, other) / size))
+    cols, lines = np.rint((line - (context.x0, context.y0)) / size).astype(np.int64).T
+    clear[lines.clip(0, context.rows - 1), cols.clip(0, context.cols - 1)] = False
+    clear.ravel()[[node for end in ends for node in paths.path_from(end)]] = False
+    gap = size * distance_transform_edt(clear).ravel() - task.robot.radius - row[stays.SIZE]
+    wall = size * distance_transform_edt(context.legal.reshape(clear.shape) != 0).ravel() + context.radius - size
+    fits: NDArray[np.bool_] = (gap >= _GAP) & (wall >= task.robot.radius - 1e-9)
+    return fits
 
 
 class Dance:
