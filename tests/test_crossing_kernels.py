@@ -19,7 +19,7 @@ from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, t
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
 from antway.kernels.tracking import kalman as track
-from antway.kernels.tracking.predict import NAME, NO_PREDICTIONS, RADIUS, TubeMargins, predict
+from antway.kernels.tracking.predict import ID, NO_PREDICTIONS, RADIUS, TubeMargins, predict
 from antway.kernels.tracking.table import make_table
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.state import fit_tables, make_trails
@@ -248,7 +248,7 @@ def test_predictions_are_mirrored_as_the_world_mirrors() -> None:
 def test_filter_is_the_textbook_one() -> None:
     """Without velocities the tracker equals a Kalman filter with matrices to 1e-12, for each axis."""
     rng = np.random.default_rng(9)
-    table, estimates = make_table(8, track.COLUMNS, NAME), np.zeros((8, 8))
+    table, estimates = make_table(8, track.COLUMNS, ID), np.zeros((8, 8))
     twins: list[naive.Kalman] = []
     nan = np.full((1, 2), math.nan)
     t, dt = 0.0, 0.0
@@ -274,7 +274,7 @@ def test_filter_is_the_textbook_one() -> None:
 
 def test_who_turns_has_his_new_velocity_in_two_scans() -> None:
     """Of exact places alone the velocity is known at the second, and at the second after a turn between two scans."""
-    table, estimates = make_table(8, track.COLUMNS, NAME), np.zeros((8, 8))
+    table, estimates = make_table(8, track.COLUMNS, ID), np.zeros((8, 8))
     nan, variance, at, off = np.full((1, 2), math.nan), np.zeros((1, 2)), np.array([1.0, 2.0]), []
     for i in range(12):
         velocity = np.array([0.9, 0.1] if i <= 6 else [-0.5, 0.6])
@@ -287,7 +287,7 @@ def test_who_turns_has_his_new_velocity_in_two_scans() -> None:
 
 def test_a_radius_grows_at_once_and_shrinks_slowly() -> None:
     """One that is measured with errors is seldom taken for less than it is; one that never changes stays as it is."""
-    table, estimates = make_table(8, track.COLUMNS, NAME), np.zeros((8, 8))
+    table, estimates = make_table(8, track.COLUMNS, ID), np.zeros((8, 8))
     rng, variance, found = np.random.default_rng(5), np.zeros((2, 2)), []
     for i in range(200):
         xy, velocity = np.array([[0.1 * i, 0.0], [0.1 * i, 5.0]]), np.array([[1.0, 0.0], [1.0, 0.0]])

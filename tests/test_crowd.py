@@ -10,7 +10,7 @@ import pytest
 from antway import Grid
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import crowd, orca
-from antway.kernels.tracking.predict import FAR_AHEAD, NAME, STEP_TIME, TubeMargins, predict
+from antway.kernels.tracking.predict import FAR_AHEAD, ID, STEP_TIME, TubeMargins, predict
 from antway.kernels.tracking.table import make_table
 from antway.world.timeline import Timeline
 from common import cases
@@ -64,7 +64,7 @@ def circle(seed: int) -> Timeline:
 
 def watched(line: Timeline, steps: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Places 2 s after each scan: as predicted (NaN: not), and on at the velocity seen."""
-    table, paths, straight = make_table(8, crowd.COLUMNS, NAME), [], []
+    table, paths, straight = make_table(8, crowd.COLUMNS, ID), [], []
     trajectory = np.full((8, crowd.STEPS, 2), np.nan)  # of who is not predicted the first number alone is written
     for i in range(steps):
         t = i * STEP_TIME + 1e-6
@@ -99,7 +99,7 @@ def test_discs_that_never_yield_are_not_taken_for_people() -> None:
     for turns in (False, True):
         heading = rng.uniform(-math.pi, math.pi, 8)
         xy, trajectory, followed = rng.uniform(0.0, 4.0, (8, 2)), np.empty((8, crowd.STEPS, 2)), 0
-        table = make_table(8, crowd.COLUMNS, NAME)
+        table = make_table(8, crowd.COLUMNS, ID)
         for i in range(100):
             if turns and i % 10 == 5:
                 heading[rng.integers(8)] = rng.uniform(-math.pi, math.pi)
@@ -169,7 +169,7 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
 
 def test_the_nameless_have_no_past() -> None:
     """Without names nobody is told from another, and none is predicted but straight on."""
-    table, trajectory = make_table(4, crowd.COLUMNS, NAME), np.empty((4, crowd.STEPS, 2))
+    table, trajectory = make_table(4, crowd.COLUMNS, ID), np.empty((4, crowd.STEPS, 2))
     for i in range(10):
         estimates = np.array([[i * 0.1, 0.0, 1.0, 0.0, 0.3, 0.0, 0.0, -1.0], [3.0, 0.1, -1.0, 0.0, 0.3, 0.0, 0.0, -1.0]])
         crowd.foresee(table, estimates, i * 0.1, 1.0, trajectory)

@@ -12,7 +12,7 @@ from antway.kernels.base import records
 from antway.kernels.base.records import Terrain
 from antway.kernels.crossing import SEGMENT_COUNT
 from antway.kernels.tracking import curves
-from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
+from antway.kernels.tracking.predict import ID, RADIUS, VX, VY, X, Y
 from antway.kernels.tracking.table import make_table
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Replay
@@ -37,7 +37,7 @@ def _rows(places: dict[int, tuple[float, float, float, float]]) -> np.ndarray:
     """Return estimates of tracks with these names, places and velocities."""
     estimates = np.zeros((len(places), 8))
     for row, (name, motion) in zip(estimates, places.items(), strict=True):
-        row[[X, Y, VX, VY]], row[NAME] = motion, name
+        row[[X, Y, VX, VY]], row[ID] = motion, name
     return estimates
 
 

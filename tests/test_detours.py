@@ -9,9 +9,9 @@ import pytest
 
 from antway import EpisodeResult, Grid, Moves, RobotSpec, Scenario, World, check_episode, run
 from antway.kernels.tracking import stays
-from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
+from antway.kernels.tracking.predict import ID, RADIUS, VX, VY, X, Y
 from antway.kernels.tracking.stays import COLUMNS, update_stays
-from antway.kernels.tracking.table import NAMED, SEEN, make_table, rows_in_use
+from antway.kernels.tracking.table import SEEN, TRACK_ID, make_table, rows_in_use
 from antway.policies.antway import detours
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.nodes import make_context
@@ -109,15 +109,15 @@ def test_stays_are_those_of_the_slow_twin() -> None:
             t = 0.25 * i
             visible = np.flatnonzero(rng.random(6) < (0.2 if i % 30 > 18 else 0.9))
             estimates, seen = np.zeros((6, 8)), np.full(6, t - 0.25)
-            estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, RADIUS], estimates[:, NAME] = xy, v, 0.3, np.arange(6)
+            estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, RADIUS], estimates[:, ID] = xy, v, 0.3, np.arange(6)
             seen[visible] = t
             update_stays(table, estimates, seen, t)
             scans.append((t, {k: (*xy[k].tolist(), *v[k].tolist()) for k in visible.tolist()}))
             xy, v = xy + 0.25 * v + rng.normal(0, 0.01, (6, 2)), np.where(rng.random((6, 1)) < 0.2, -v, v)
         known = naive.stays(scans)
-        assert sorted(known) == sorted(rows_in_use(table)[:, NAMED].astype(int).tolist())
+        assert sorted(known) == sorted(rows_in_use(table)[:, TRACK_ID].astype(int).tolist())
         for row in rows_in_use(table):
-            since, last, places, _ = known[int(row[NAMED])]
+            since, last, places, _ = known[int(row[TRACK_ID])]
             assert (row[stays.SINCE], row[SEEN]) == (since, last)
             assert row[stays.LOW_X : stays.HIGH_X].tolist() == np.min(places, axis=0).tolist()
             assert row[stays.HIGH_X : stays.LEAVING].tolist() == np.max(places, axis=0).tolist()
@@ -162,7 +162,7 @@ def test_times_are_the_least_of_waits_and_detours() -> None:
     context = make_context(grid, robot, goal, Moves.EIGHT)
     near = make_context(two_doors(far_door=False), robot, goal, Moves.EIGHT)
     found, estimates = Detours(Moves.EIGHT, (context,)), np.zeros((2, 8))
-    estimates[:, NAME], estimates[:, RADIUS] = (1, 0), (0.6, 0.3)
+    estimates[:, ID], estimates[:, RADIUS] = (1, 0), (0.6, 0.3)
     estimates[0, (X, Y)], estimates[1, (X, Y)] = (8.0, 14.4), DOOR
     for t in np.arange(0.0, 33.1, 0.25).tolist():
         known = 2 if t >= 30.0 else 1

@@ -30,7 +30,7 @@ from antway.kernels.base.records import RobotState, Terrain
 from antway.kernels.robot.harm import harm, least_harm
 from antway.kernels.tracking import averages, kalman, noise, reported
 from antway.kernels.tracking.predict import (
-    NAME,
+    ID,
     NO_PREDICTIONS,
     RADIUS,
     SIGMA,
@@ -47,7 +47,7 @@ from antway.kernels.tracking.prediction_error import LATER
 from antway.kernels.tracking.table import make_table
 from antway.policies.antway.nodes import make_context
 from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.antway.tracker import NAMELESS, Tracker
+from antway.policies.antway.tracker import FIRST_OWN_ID, Tracker
 from antway.policies.guard import MODES, Guard
 from antway.world.motions import Replay
 from antway.world.robots import load_robot
@@ -150,7 +150,7 @@ def test_the_average_that_predicted_best_is_taken(sways: bool) -> None:
                 v = rng.uniform(-1, 1, (5, 2))
             estimates = np.zeros((5, 8))
             estimates[:, (X, Y)], estimates[:, (VX, VY)] = xy, v + (rng.normal(0, 0.3, (5, 2)) if sways else 0.0)
-            estimates[:, NAME] = np.arange(5)
+            estimates[:, ID] = np.arange(5)
             scans.append((0.1 * i, estimates))
             xy = xy + v * 0.1
         out = _averaged(scans)
@@ -169,7 +169,7 @@ def test_discs_that_bounce_are_not_averaged(restart: bool) -> None:
             for i in range(int(rng.integers(40, 100))):
                 estimates = np.zeros((3, 8))
                 estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, RADIUS] = xy, v, 0.3
-                estimates[:, NAME] = np.arange(3)
+                estimates[:, ID] = np.arange(3)
                 scans.append((0.1 * i, estimates))
                 xy = xy + 0.1 * v
                 v[:, 1] = np.where(xy[:, 1] < 0.3, np.abs(v[:, 1]), np.where(xy[:, 1] > 1.2, -np.abs(v[:, 1]), v[:, 1]))
@@ -187,7 +187,7 @@ def test_who_stops_turns_back_or_sets_out_is_noticed_at_once(before: float, afte
         xy, scans = np.zeros((2, 2)), []
         for i in range(round((ends + 0.2) / step) + 1):
             speed, estimates = float(np.interp(step * i, (4.0, ends), (before, after))), np.zeros((2, 8))
-            estimates[:, (X, Y)], estimates[:, VX], estimates[:, NAME] = xy, speed, np.arange(2)
+            estimates[:, (X, Y)], estimates[:, VX], estimates[:, ID] = xy, speed, np.arange(2)
             estimates[:, VY] = 0.15 * abs(speed) * np.cos(5.7 * step * i + phase)
             scans.append((step * i, estimates))
             xy = xy + step * estimates[:, (VX, VY)]
@@ -204,14 +204,14 @@ def test_averages_are_those_of_their_slow_twin(restart: bool) -> None:
             v = v + rng.normal(0, 0.1, (5, 2))
             there = np.arange(5) < (3 if i % 9 == 4 else 5)  # two of them are not seen now and then
             estimates = np.zeros((int(there.sum()), 8))
-            estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, NAME] = xy[there], v[there], np.flatnonzero(there)
+            estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, ID] = xy[there], v[there], np.flatnonzero(there)
             scans.append((step * i, estimates))
             slow.append((step * i, {k: (*xy[k], *v[k]) for k in np.flatnonzero(there).tolist()}))
             xy = xy + v * step
         least = {} if restart else {"sudden": math.inf, "stops": math.inf}
         out, told = _averaged(scans, AIR, restart), naive.averaged(slow, **least)
         for row in out:
-            assert tuple(row[[VX, VY, SIGMA_V]]) == pytest.approx(told[int(row[NAME])], abs=1e-9)
+            assert tuple(row[[VX, VY, SIGMA_V]]) == pytest.approx(told[int(row[ID])], abs=1e-9)
 
 
 def test_companions_tell_where_a_newcomer_goes() -> None:
@@ -224,7 +224,7 @@ def test_companions_tell_where_a_newcomer_goes() -> None:
             for i in range(12):
                 there = np.arange(4) < (4 if i > 9 else 3)  # the fourth comes two scans before the end
                 estimates = np.zeros((int(there.sum()), 8))
-                estimates[:, (X, Y)], estimates[:, NAME] = xy[there], np.flatnonzero(there)
+                estimates[:, (X, Y)], estimates[:, ID] = xy[there], np.flatnonzero(there)
                 estimates[:, (VX, VY)] = (mean + rng.normal(0, 0.2, (4, 2)))[there]
                 scans.append((0.1 * i, estimates))
                 xy = xy + 0.1 * mean
@@ -363,7 +363,7 @@ def test_of_hundreds_of_obstacles_the_nearest_count(place: int, mode: str) -> No
     tracks = Tracks(np.arange(350), xy, np.full((350, 2), math.nan), np.full(350, 0.5))
     for k in range(3):
         policy.act(Observation(0.1 * k, (5.0, 20.0), (0.0, 0.0), 0.0, tracks))
-        assert tracks.id[place] in policy.state.tracker.estimates[:, NAME]
+        assert tracks.id[place] in policy.state.tracker.estimates[:, ID]
 
 
 @pytest.mark.parametrize("half", [(0.0, math.nan), (math.nan, 1.0)])
@@ -432,8 +432,10 @@ def test_a_name_is_believed_where_no_other_track_is_nearer() -> None:
 
     assert names(0.0, [4, 5], [1.0, 6.0]) == [4, 5]
     assert names(0.1, [4, 5], [0.6, 6.1]) == [4, 5], "0.5 m from where it was expected, and nobody was expected there"
-    assert names(0.2, [5, 9], [3.0, 6.2]) == [NAMELESS, 5], "the name 5 is given to somebody new, and another one to who had it"
-    assert names(0.3, [5, 9, 4], [3.1, 6.3, 0.8]) == [NAMELESS, 5, 4]
+    assert names(0.2, [5, 9], [3.0, 6.2]) == [FIRST_OWN_ID, 5], (
+        "the name 5 is given to somebody new, and another one to who had it"
+    )
+    assert names(0.3, [5, 9, 4], [3.1, 6.3, 0.8]) == [FIRST_OWN_ID, 5, 4]
 
 
 @pytest.mark.parametrize("measured", [True, False])
@@ -503,7 +505,7 @@ def test_variances_are_raised_as_if_measurements_had_been_so_wrong_from_the_star
     for before in (0.01**2, 0.02**2):
         found = []
         for variance in (before, 0.05**2):
-            table, estimates = make_table(4, kalman.COLUMNS, NAME), np.zeros((4, 8))
+            table, estimates = make_table(4, kalman.COLUMNS, ID), np.zeros((4, 8))
             for i in range(20):
                 still = np.zeros((1, 2)), np.zeros((1, 2)), np.full(1, 0.3), np.array([[variance, 1e-12]])
                 kalman.update(*table[:2], 0.1 * i, np.zeros(1, np.int64), *still, 0.0, estimates)
@@ -816,7 +818,7 @@ def test_tubes_hold_on_recordings(name: str, factor: float) -> None:
 def _estimates(*people: tuple[float, float, float, float], sway: float = 0.15) -> np.ndarray:
     rows = np.zeros((len(people), 8))
     rows[:, [X, Y, VX, VY]] = people
-    rows[:, RADIUS], rows[:, SIGMA_V], rows[:, NAME] = 0.3, sway, np.arange(len(people))
+    rows[:, RADIUS], rows[:, SIGMA_V], rows[:, ID] = 0.3, sway, np.arange(len(people))
     return rows
 
 

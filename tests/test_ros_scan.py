@@ -14,7 +14,7 @@ from antway.errors import BadParameter
 from antway.ros2 import frames
 from antway.ros2.goals import Goal
 from antway.ros2.pilot import Pilot
-from antway.ros2.scan import Laser, Tracker, discs, nameless, newest_reached, off_the_map, read_points
+from antway.ros2.scan import Laser, Tracker, discs, newest_reached, off_the_map, read_points, without_ids
 from antway.ros2.settings import Settings, defaults
 from antway.scenes import scene
 from antway.world.policy import Command, Decision, Observation, Tracks
@@ -204,7 +204,7 @@ def test_the_tracker_names_and_measures():
             t = 0.1 * i
             order = rng.permutation(n)
             xy = start + velocity * np.array([0.0, 1.0]) * t + rng.normal(0, 0.01, (n, 2))
-            tracks = tracker.update(t, nameless((xy[order], np.full(n, 0.3))))
+            tracks = tracker.update(t, without_ids((xy[order], np.full(n, 0.3))))
         assert sorted(tracks.id) == list(range(n)) and len({*tracks.id.tolist()}) == n
         column = np.rint(tracks.xy[:, 0] / 3.0).astype(int)
         np.testing.assert_allclose(tracks.velocity[:, 1], velocity[column, 1], atol=0.12)
@@ -212,7 +212,7 @@ def test_the_tracker_names_and_measures():
         lost, spread = tracker.update(t + 0.5, Tracks.none()), tracks.covariance
         np.testing.assert_allclose(lost.covariance[:, 0, 2], spread[:, 0, 2] + 0.5 * spread[:, 2, 2])
         assert len(lost) == n and len(tracker.update(t + 1.5, Tracks.none())) == 0
-        assert len(tracker.update(0.0, nameless((xy, np.full(n, 0.3))))) == n, "time that goes back begins anew"
+        assert len(tracker.update(0.0, without_ids((xy, np.full(n, 0.3))))) == n, "time that goes back begins anew"
     named = Tracks(np.array([7]), np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
     assert Tracker().update(0.0, named) is named
     unknown = replace(named, velocity=np.full((1, 2), math.nan))
@@ -236,7 +236,7 @@ def test_of_more_discs_than_it_can_follow_it_follows_the_nearest() -> None:
     """Those around the robot, wherever they are listed."""
     xy = np.column_stack((np.arange(400.0), np.zeros(400)))
     for at in (0.0, 200.0, 399.0):
-        found = Tracker().update(0.0, nameless((xy, np.full(400, 0.3))), (at, 0.0))
+        found = Tracker().update(0.0, without_ids((xy, np.full(400, 0.3))), (at, 0.0))
         assert len(found) == 128 and np.abs(found.xy[:, 0] - at).max() <= 128.0
 
 
@@ -274,7 +274,7 @@ class Seeing:
         truth = frames.move_tracks(self.world, o.tracks)
         points, _ = read_points(scan_of(measured(self.grid, truth.xy, truth.radius, pose, 240, 5.5)))
         seen = discs(off_the_map(frames.move(pose, points), self.grid, 0.15), gap=0.3, largest=0.8)
-        self.pilot.scan = o.t, self.tracker.update(o.t, nameless(seen))
+        self.pilot.scan = o.t, self.tracker.update(o.t, without_ids(seen))
         answer = self.pilot.receive_odometry(
             frames.Odometry(o.t, pose[:2], frames.turn(self.world[2], o.velocity), pose[2]), o.t
         )

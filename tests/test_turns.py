@@ -14,7 +14,7 @@ from antway.kernels.controls.problem import CONTACT, SPEED, STRAIGHT, TURN_DISTA
 from antway.kernels.tracking import kalman
 from antway.kernels.tracking.changes import COLUMNS, FIRST_SECONDS, velocity_changes
 from antway.kernels.tracking.kalman import UNKNOWN
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.predict import ID, RADIUS, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import make_table
 from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.controls import ControlColony
@@ -45,7 +45,7 @@ def test_turns_are_those_that_the_slow_twin_counts() -> None:
             seen = np.flatnonzero(rng.random(6) < (0.3 if i % 20 > 15 else 0.95))
             estimates = np.zeros((len(seen), 8))
             estimates[:, (X, Y)], estimates[:, RADIUS] = xy[seen], 0.3
-            estimates[:, (VX, VY)], estimates[:, NAME] = v[seen], seen
+            estimates[:, (VX, VY)], estimates[:, ID] = v[seen], seen
             estimates[seen == 5, SIGMA_V] = UNKNOWN
             velocity_changes(table, turns, estimates, ROOM, step * i, np.empty((len(seen), 4)))
             scans.append((step * i, {k: (*xy[k], *v[k]) for k in seen.tolist() if k != 5}))
@@ -86,13 +86,13 @@ def test_tracks_bounce_where_the_scan_says_so() -> None:
     rng, found = np.random.default_rng(6), 0
     for _ in range(cases(200, 5000)):
         table, dt, speed = (
-            make_table(2, kalman.COLUMNS, NAME),
+            make_table(2, kalman.COLUMNS, ID),
             float(rng.uniform(0.05, 0.3)),
             float(rng.choice([0.1, math.nan])),
         )
         state = [*rng.uniform(0.3, 0.7, 2), *rng.uniform(-1.0, 0.3, 2)]
         table.used[0], row = 1, table.rows[0]
-        row[[X, Y, VX, VY]], row[RADIUS], row[NAME], row[kalman.P11], row[kalman.P22] = state, 0.3, 5.0, 0.0009, 0.04
+        row[[X, Y, VX, VY]], row[RADIUS], row[ID], row[kalman.P11], row[kalman.P22] = state, 0.3, 5.0, 0.0009, 0.04
         velocity = np.array(state[2:]) * np.where(rng.random(2) < 0.5, -1.0, 1.0) + rng.normal(0.0, 1.0, 2) * speed
         xy = np.maximum(0.6 - np.array(state[:2]), 0.3) if rng.random() < 0.5 else np.array(state[:2]) + dt * velocity
         future, did = naive.bounced(state, 0.3, 4.0, dt, xy, velocity, (math.sqrt(0.0034), math.sqrt(0.05)))

@@ -10,7 +10,7 @@ import pytest
 
 from antway import Grid, Moves, Scenario, World
 from antway.kernels.base.rng import make_state
-from antway.kernels.tracking.predict import NAME, RADIUS, X, Y
+from antway.kernels.tracking.predict import ID, RADIUS, X, Y
 from antway.policies.antway import yielding
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.nodes import make_context
@@ -64,7 +64,7 @@ def goes(grid: Grid, at: XY, other: XY, came: float = 1.5) -> tuple[Task, list[t
     context = make_context(grid, task.robot, grid.cell_at(GOAL), Moves.EIGHT)
     found, paths, now, changes = Detours(Moves.EIGHT, (context,)), Yielding(), task, []
     estimates = np.zeros((1, 8))
-    estimates[0, (NAME, RADIUS)] = 7, 0.25
+    estimates[0, (ID, RADIUS)] = 7, 0.25
     for t in np.arange(0.0, 30.1, 0.25).tolist():
         estimates[0, (X, Y)] = other[0] + math.copysign(max(abs(came) - t, 0.0), came), other[1]
         if counted := found.update(estimates, np.full(1, t), t, at):

@@ -13,7 +13,7 @@ from antway import checks
 from antway.arena.environments import read_tracks, walks
 from antway.errors import BadScenario
 from antway.kernels.tracking.averages import COLUMNS, POOL, averaged
-from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.predict import ID, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.prediction_error import LATER
 from antway.kernels.tracking.table import make_table
 
@@ -74,7 +74,7 @@ def forecast(file: str, *, factor: float = 1.0) -> Forecast:
     instants = np.unique(np.round([*counted, *HORIZONS, *TIMES], 9))
     truth = np.full((len(now), len(instants), 2), np.nan)
     for name, walk in enumerate(walkers):
-        mine = rows[:, NAME] == name
+        mine = rows[:, ID] == name
         for i, later in enumerate(instants):
             t = now[mine] + later
             inside = t <= walk[-1, 0] + 1e-9
@@ -245,7 +245,7 @@ def _estimates(walkers: list[NDArray[np.float64]]) -> tuple[NDArray[np.float64],
     for t in np.unique(table[:, 0]):
         scan = table[table[:, 0] == t]
         estimates = np.zeros((len(scan), 8))
-        estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, NAME] = scan[:, 2:4], scan[:, 4:6], scan[:, 1]
+        estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, ID] = scan[:, 2:4], scan[:, 4:6], scan[:, 1]
         out = np.empty_like(estimates)
         averaged(memory, pool, estimates, np.zeros((len(scan), 4)), float(t), False, out)  # recordings come without walls
         known = scan[:, 8] >= PAST - 1e-9

@@ -57,7 +57,7 @@ def check_observation(o: Observation) -> Observation:
     if n > MAX_TRACKS:
         raise TooLarge("tracks", n, f"at most {MAX_TRACKS}")
     what = kernel.fault(*o.xy, *o.velocity, o.heading, t.id, t.xy, t.velocity, t.radius)
-    if what not in (kernel.SOUND, kernel.SAME_NAME):
+    if what not in (kernel.SOUND, kernel.SAME_ID):
         value = ((o.xy, o.velocity, o.heading), t.xy, t.velocity, t.radius)[what - 1]
         raise BadParameter(_FAULTS[what - 1], value, _ALLOWED[what - 1])
     stamped = abs(o.stamp) <= MAX_CLOCK or math.isnan(o.stamp) or o.stamp == -math.inf
@@ -72,7 +72,7 @@ def check_observation(o: Observation) -> Observation:
             raise BadParameter("tracks.covariance", t.covariance, f"float64[{n}, 4, 4] of finite numbers, variances >= 0")
     if _EARLY < o.stamp - o.t <= _NEWER:
         o = at_scan(o)
-    return replace(o, tracks=t.distinct()) if what == kernel.SAME_NAME else o
+    return replace(o, tracks=t.distinct()) if what == kernel.SAME_ID else o
 
 
 def at_scan(o: Observation) -> Observation:

@@ -13,7 +13,7 @@ from antway.kernels.base.geometry import wrap
 from antway.planning import Problem, solve
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
-from antway.ros2.scan import Tracker, nameless
+from antway.ros2.scan import Tracker, without_ids
 from antway.ros2.settings import Settings
 from antway.world.episode import run
 from antway.world.motions import Bounce
@@ -25,7 +25,7 @@ from antway.world.world import Obstacle, World
 def compile_for(settings: Settings) -> None:
     """Compile the kernels that plan and drive with these settings."""
     solve(Problem(Grid(np.zeros((8, 8), bool)), (0, 0), (7, 7)), settings.planner, time_limit=1.0)
-    Tracker().update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))
+    Tracker().update(0.0, without_ids((np.zeros((1, 2)), np.ones(1))))
     robot, mode = settings.robot, settings.policy["mode"]
     _drive(robot, AntwayPolicy, mode)
     if robot.dynamics == "ramps":  # many a robot has more inertia and latency than was declared, and measures no speeds

@@ -36,7 +36,7 @@ from antway.ros2.markers import decision_message, predictions_message
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import Kind, nav2_kinds
 from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
-from antway.ros2.scan import Laser, Tracker, discs, nameless, newest_reached, off_the_map
+from antway.ros2.scan import Laser, Tracker, discs, newest_reached, off_the_map, without_ids
 from antway.ros2.settings import LASER, Settings
 from antway.ros2.tf import Transforms
 from antway.world.policy import Decision, Task, Tracks
@@ -277,7 +277,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             mount = self.transforms.mount(scan[1].header.frame_id, settings.base_frame, scan[0], settings.timeout)
             points = off_the_map(laser.placed(scan, *mount, settings.scan_valid), grid, settings.scan_clear)
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
-            return seen, self.tracker.update(seen, nameless(places), (x, y))
+            return seen, self.tracker.update(seen, without_ids(places), (x, y))
 
         found = self._read(OBSTACLES, read, reached)
         if found is not None:

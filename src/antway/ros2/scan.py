@@ -13,10 +13,10 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.tracking import kalman
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
+from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V
 from antway.kernels.tracking.table import make_table
 from antway.limits import MAX_ANGLE, MAX_PLACE
-from antway.policies.antway.tracker import MOST_ROWS, names_of, nearest, with_names
+from antway.policies.antway.tracker import MOST_ROWS, ids_of, nearest, with_ids
 from antway.ros2.frames import Pose, move
 from antway.world.policy import XY, Tracks
 
@@ -220,17 +220,17 @@ def _circle(cluster: NDArray[np.float64], largest: float) -> tuple[float, float,
 
 
 class Tracker:
-    """Adds missing names and velocities to tracks, by a Kalman filter for each (kernels/tracking/kalman.py)."""
+    """Adds missing ids and velocities to tracks, by a Kalman filter for each (kernels/tracking/kalman.py)."""
 
     def __init__(self) -> None:
-        self.table, self.estimates = make_table(MOST_ROWS, kalman.COLUMNS, NAME), np.zeros((MOST_ROWS, 8))
-        self.next_name, self.t = 0, -math.inf
+        self.table, self.estimates = make_table(MOST_ROWS, kalman.COLUMNS, ID), np.zeros((MOST_ROWS, 8))
+        self.next_id, self.t = 0, -math.inf
 
     def update(self, t: float, seen: Tracks, xy: XY = (0.0, 0.0)) -> Tracks:
         """Update with the tracks seen at `t` s; return all tracks that should be there at `t`. If time goes back, restart.
 
-        Of too many, those nearest to the robot at `xy` m are followed. Complete tracks are returned unchanged. Tracks without a
-        name (with the id -1, or an id that occurs twice) get one.
+        Of too many, those nearest to the robot at `xy` m are followed. Complete tracks are returned unchanged. Tracks without
+        an id (-1, or one that occurs twice) get one.
         """
         seen = seen.distinct()
         if len(seen) and seen.id.min() >= 0 and not np.isnan(seen.velocity).any():
@@ -240,7 +240,7 @@ class Tracker:
         if t < self.t:
             self.table.used[0] = 0
         self.t = t
-        seen, self.next_name = with_names(seen, t, self.table, self.next_name)
+        seen, self.next_id = with_ids(seen, t, self.table, self.next_id)
         variance = np.column_stack((np.full(len(seen), _NOISE**2), np.zeros(len(seen))))
         scan = seen.id, seen.xy, seen.velocity, seen.radius, variance
         rows, used, _ = self.table
@@ -252,12 +252,10 @@ class Tracker:
             covariance[:, place, place] = estimate[:, SIGMA] ** 2
             covariance[:, speed, speed] = estimate[:, SIGMA_V] ** 2
             covariance[:, place, speed] = covariance[:, speed, place] = table[:, kalman.P12] + age * table[:, kalman.P22]
-        return Tracks(
-            names_of(estimate), estimate[:, :2].copy(), estimate[:, 2:4].copy(), estimate[:, RADIUS].copy(), covariance
-        )
+        return Tracks(ids_of(estimate), estimate[:, :2].copy(), estimate[:, 2:4].copy(), estimate[:, RADIUS].copy(), covariance)
 
 
-def nameless(places: Discs) -> Tracks:
-    """Return discs as tracks without names and velocities."""
+def without_ids(places: Discs) -> Tracks:
+    """Return discs as tracks without ids and velocities."""
     xy, radius = places
     return Tracks(np.full(len(xy), -1, np.int64), xy, np.full((len(xy), 2), math.nan), radius)

@@ -18,7 +18,7 @@ from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y, 
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 
 FREE, SLOWED, BRAKED, STEPPED_ASIDE, LEAST_HARM = 0, 1, 2, 3, 4  # what the guard did
-SOUND, BAD_ROBOT, BAD_PLACE, BAD_VELOCITY, BAD_RADIUS, SAME_NAME = range(6)  # results of `fault`
+SOUND, BAD_ROBOT, BAD_PLACE, BAD_VELOCITY, BAD_RADIUS, SAME_ID = range(6)  # results of `fault`
 _FRACTIONS = 10  # number of speeds tried in the commanded direction
 _SIDES = 16  # number of directions tried for a step aside
 _LEARNS = 0.01  # 1; share by which, in each control cycle, the learnt speed bound moves towards the fastest speed seen
@@ -50,20 +50,20 @@ def fault(
     vx: float,
     vy: float,
     heading: float,
-    name: NDArray[np.int64],
+    track_id: NDArray[np.int64],
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
     radius: NDArray[np.float64],
 ) -> int:
     """Return what is wrong with the robot's state or a scan of K tracks.
 
-    SAME_NAME means that two tracks have the same name, compared as floats because tables of tracks hold floats. BAD_ROBOT and
+    SAME_ID means that two tracks have the same id, compared as floats because tables of tracks hold floats. BAD_ROBOT and
     the others say what is beyond the limits of `antway.limits`. A radius must not be negative; a velocity may be NaN (unknown).
     """
     placed = abs(x) <= MAX_PLACE and abs(y) <= MAX_PLACE and abs(heading) <= MAX_ANGLE
     if not (placed and math.hypot(vx, vy) <= MAX_SPEED):
         return BAD_ROBOT
-    sorted_names = True
+    sorted_ids = True
     for k in range(len(radius)):
         if not (abs(xy[k, 0]) <= MAX_PLACE and abs(xy[k, 1]) <= MAX_PLACE):
             return BAD_PLACE
@@ -71,12 +71,12 @@ def fault(
             return BAD_VELOCITY
         if not 0.0 <= radius[k] <= MAX_PLACE:
             return BAD_RADIUS
-        if k > 0 and float(name[k]) <= float(name[k - 1]):
-            sorted_names = False
-    for k in range(0 if sorted_names else len(name)):
-        for i in range(k if name[k] >= 0 else 0):
-            if float(name[i]) == float(name[k]):
-                return SAME_NAME
+        if k > 0 and float(track_id[k]) <= float(track_id[k - 1]):
+            sorted_ids = False
+    for k in range(0 if sorted_ids else len(track_id)):
+        for i in range(k if track_id[k] >= 0 else 0):
+            if float(track_id[i]) == float(track_id[k]):
+                return SAME_ID
     return SOUND
 
 
@@ -87,7 +87,7 @@ def within_reach(
     now: float,
     stamp: float,
     hold: float,
-    name: NDArray[np.int64],
+    track_id: NDArray[np.int64],
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
     radius: NDArray[np.float64],
@@ -103,7 +103,7 @@ def within_reach(
         The recent tracks, in the first `count` rows, are brought up to date; M is at least `count` + K.
     now, stamp, hold : float
         Time now, time of the scan, and how long a lost track still counts, s.
-    name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
+    track_id, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
         The scan; an unknown velocity is NaN.
     spread : float64[K]
         Error of the places, m.
@@ -114,12 +114,12 @@ def within_reach(
         Filled with a row for each recent track.
     """
     top, stopping_time = bounds[BOUND_KIND], bounds[STOPPING_TIME]
-    for k in range(len(name)):
+    for k in range(len(track_id)):
         vx, vy = velocity[k, 0], velocity[k, 1]
         speed = math.hypot(vx, vy)
         known, exact = not math.isnan(speed), spread[k] == 0.0  # noise makes changes look larger than they are
         i = 0
-        while i < count and (table[i, _ID] != name[k] or name[k] < 0):
+        while i < count and (table[i, _ID] != track_id[k] or track_id[k] < 0):
             i += 1
         if i == count:
             count += 1
@@ -133,7 +133,7 @@ def within_reach(
                 table[i, _FASTEST], top = max(table[i, _FASTEST], speed), max(top, speed)
         else:
             vx, vy, speed = 0.0, 0.0, -1.0
-        table[i, _ID], table[i, _SEEN], table[i, _X], table[i, _Y] = name[k], stamp, xy[k, 0], xy[k, 1]
+        table[i, _ID], table[i, _SEEN], table[i, _X], table[i, _Y] = track_id[k], stamp, xy[k, 0], xy[k, 1]
         table[i, _VX], table[i, _VY], table[i, _RADIUS], table[i, _SPEED] = vx, vy, radius[k] + spread[k], speed
     bounds[BOUND_KIND] += _LEARNS * (top - bounds[BOUND_KIND])
     kept = 0

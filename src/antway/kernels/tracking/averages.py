@@ -25,8 +25,8 @@ TIMES = (0.4, 1.2)  # s; velocities are averaged over these times, weights fall 
 MODELS = len(TIMES) + 2  # the last velocity, those averages, and the mean of the first average and that of companions
 COMPANION_DISTANCE = 2.5  # m; companions are no farther apart than this
 COMPANION_SPEED = 0.7  # m/s; the averages of companions differ by no more than this
-# Columns of a row after NAMED and SEEN: the sums (x, y, weight) of each average, the mean average of companions; when and where
-# each model predicted from, and its velocity then. The last POOL are its errors (see `count_comparison`).
+# Columns of a row after TRACK_ID and SEEN: the sums (x, y, weight) of each average, the mean average of companions; when and
+# where each model predicted from, and its velocity then. The last POOL are its errors (see `count_comparison`).
 _SUMS = 2
 _COMPANIONS = _SUMS + 3 * len(TIMES)
 _SINCE = _COMPANIONS + 2

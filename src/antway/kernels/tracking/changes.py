@@ -14,10 +14,10 @@ from antway.kernels.base.geometry import reflected, wall_ahead
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking.kalman import UNKNOWN
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.predict import ID, RADIUS, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import SEEN, Table, drop_lost, row_for
 
-# Columns of a row after NAMED and SEEN: where and with what velocity the track was last seen, and in how many scans.
+# Columns of a row after TRACK_ID and SEEN: where and with what velocity the track was last seen, and in how many scans.
 _X, _Y, _VX, _VY, _SCANS = range(2, 7)
 COLUMNS = 7
 # Columns of a change: the velocity before, mirrored where the track has bounced off a wall since then, and the normal of that
@@ -32,10 +32,10 @@ _CHANGED = 0.1  # m/s; a smaller change of velocity is not looked at as a bounce
 
 @bare_kernel
 def row_to_compare(table: Table, estimate: NDArray[np.float64]) -> tuple[int, bool]:
-    """Do as `row_for`, but a track without a name, or whose velocity is not known, has the row -1, too."""
-    if estimate[NAME] < 0.0 or estimate[SIGMA_V] >= UNKNOWN:
+    """Do as `row_for`, but a track without an id, or whose velocity is not known, has the row -1, too."""
+    if estimate[ID] < 0.0 or estimate[SIGMA_V] >= UNKNOWN:
         return -1, True
-    return row_for(table, estimate[NAME])
+    return row_for(table, estimate[ID])
 
 
 @kernel

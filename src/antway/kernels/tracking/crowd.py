@@ -18,7 +18,7 @@ from antway.kernels.base.geometry import wrap_below_pi
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.orca import beyond, half_plane, least_violation, nearest
-from antway.kernels.tracking.predict import FAR_AHEAD, NAME, RADIUS, STEP_TIME, VX, VY, X, Y
+from antway.kernels.tracking.predict import FAR_AHEAD, ID, RADIUS, STEP_TIME, VX, VY, X, Y
 from antway.kernels.tracking.table import Table, row_of
 
 # Columns of a row after those of a track estimate: the time of the estimate, the goal, the information matrix of the goal, the
@@ -160,9 +160,9 @@ def foresee(
     Parameters
     ----------
     table : Table
-        The people known so far, [M, COLUMNS] with names in NAME; M >= K.
+        The people known so far, [M, COLUMNS] with ids in ID; M >= K.
     estimates : float64[K, 8]
-        As in kernels/tracking/predict.py, at time `t` s. A track with a negative name has no past.
+        As in kernels/tracking/predict.py, at time `t` s. A track with a negative id has no past.
     preferred_speed : float
         Speed at which a person walks if nothing is near, m/s.
     prediction : float64[N, STEPS, 2]
@@ -217,7 +217,7 @@ def _update(
         _lines(known, max(dt, 0.01), lines, line_count)
     for k in range(len(estimates)):
         row = out[k]
-        before = row_of(table, estimates[k, NAME]) if estimates[k, NAME] >= 0.0 else -1
+        before = row_of(table, estimates[k, ID]) if estimates[k, ID] >= 0.0 else -1
         if before >= 0:
             copy_row(known[before], row)
             if dt > 0.0:

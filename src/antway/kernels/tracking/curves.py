@@ -19,7 +19,7 @@ from antway.kernels.tracking.predict import STEP_TIME, VX, VY, X, Y
 from antway.kernels.tracking.prediction_error import add_error, count_comparison, summed_error
 from antway.kernels.tracking.table import SEEN, Table, drop_lost
 
-# Columns of a row after NAMED and SEEN: the average turn rate and the weight of what went into it; when and where the models
+# Columns of a row after TRACK_ID and SEEN: the average turn rate and the weight of what went into it; when and where the models
 # predicted from, the velocity of the straight line, and velocity and turn rate of the circle. The last POOL are the errors of
 # both (see `count_comparison`).
 _RATE = 2

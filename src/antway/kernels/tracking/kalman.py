@@ -16,7 +16,7 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.kalman import measure_place
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking.noise import EXACT
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import Table, drop_lost, row_of, row_or_oldest
 
 # Columns of the track table after those of a track estimate, of which SIGMA and SIGMA_V are not used: the time of the last
@@ -36,7 +36,7 @@ def update(
     rows: NDArray[np.float64],
     used: NDArray[np.int64],
     t: float,
-    name: NDArray[np.int64],
+    track_id: NDArray[np.int64],
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
     radius: NDArray[np.float64],
@@ -51,11 +51,11 @@ def update(
     Parameters
     ----------
     rows, used : float64[M, COLUMNS], int64[1]
-        Of the track table, whose names are in NAME; Python hands on two arrays faster than the record.
+        Of the track table, whose ids are in ID; Python hands on two arrays faster than the record.
     t : float
         Time of the scan, s.
-    name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
-        The scan; every track has a name >= 0. A velocity of NaN is estimated.
+    track_id, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
+        The scan; every track has an id >= 0. A velocity of NaN is estimated.
     variance : float64[K, 2]
         Variances of the places (m^2) and of the velocities (m^2/s^2); 0 means exact. A negative variance of the place means
         that the scan is the output of a filter with the absolute values as variances; it then replaces the estimate.
@@ -64,14 +64,14 @@ def update(
     estimates : float64[N, 8]
         Filled with the tracks that were seen within the last second, predicted to time `t`. Who only sways has no velocity.
     """
-    table, measured, fastest = Table(rows, used, NAME), True, 0.0
-    for k in range(len(name)):
-        i, is_new = row_or_oldest(table, float(name[k]))
+    table, measured, fastest = Table(rows, used, ID), True, 0.0
+    for k in range(len(track_id)):
+        i, is_new = row_or_oldest(table, float(track_id[k]))
         row = table.rows[i]
         known = not math.isnan(velocity[k, 0] + velocity[k, 1])
         measured = measured and known
         if is_new or variance[k, 0] < 0.0:
-            row[NAME], row[T], row[X], row[Y] = float(name[k]), t, xy[k, 0], xy[k, 1]
+            row[ID], row[T], row[X], row[Y] = float(track_id[k]), t, xy[k, 0], xy[k, 1]
             row[VX], row[VY] = (velocity[k, 0], velocity[k, 1]) if known else (0.0, 0.0)
             row[P11], row[P12] = abs(variance[k, 0]), 0.0
             row[P22] = abs(variance[k, 1]) if known else UNKNOWN * UNKNOWN
@@ -114,7 +114,7 @@ def update(
         estimate[X], estimate[Y] = row[X] + row[VX] * age, row[Y] + row[VY] * age
         speed = math.hypot(row[VX], row[VY])
         estimate[VX], estimate[VY] = (row[VX], row[VY]) if speed >= _SWAYS else (0.0, 0.0)
-        estimate[RADIUS], estimate[NAME] = row[RADIUS], row[NAME]
+        estimate[RADIUS], estimate[ID] = row[RADIUS], row[ID]
         estimate[SIGMA] = math.sqrt(max(row[P11] + 2 * age * row[P12] + age * age * row[P22], 0.0))
         estimate[SIGMA_V] = math.sqrt(max(row[P22], 0.0))
         fastest = max(fastest, speed)
@@ -149,7 +149,7 @@ def bounce(
     used: NDArray[np.int64],
     terrain: Terrain,
     t: float,
-    name: NDArray[np.int64],
+    track_id: NDArray[np.int64],
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
     variance: NDArray[np.float64],
@@ -164,13 +164,13 @@ def bounce(
     rows, used
         Of the track table.
     terrain : Terrain
-    t, name, xy, velocity, variance
+    t, track_id, xy, velocity, variance
         The scan, as in `update`.
     """
-    for k in range(len(name)):
+    for k in range(len(track_id)):
         if variance[k, 0] <= EXACT:
             continue
-        i = row_of(Table(rows, used, NAME), float(name[k]))
+        i = row_of(Table(rows, used, ID), float(track_id[k]))
         if i < 0 or t <= rows[i, T]:
             continue
         row, dt = rows[i], t - rows[i, T]
@@ -200,35 +200,35 @@ def _unlikely(
 
 
 @kernel
-def needs_names(
-    rows: NDArray[np.float64], used: NDArray[np.int64], t: float, name: NDArray[np.int64], xy: NDArray[np.float64]
+def needs_ids(
+    rows: NDArray[np.float64], used: NDArray[np.int64], t: float, track_id: NDArray[np.int64], xy: NDArray[np.float64]
 ) -> bool:
-    """Tell whether a track has no name, or one that is in doubt at time `t` s.
+    """Tell whether a track has no id, or one that is in doubt at time `t` s.
 
-    A known name is, if its track was predicted more than `FAR` away; a new one, if a track of the last scan that is not in this
+    A known id is, if its track was predicted more than `FAR` away; a new one, if a track of the last scan that is not in this
     one was predicted within that distance. One that has been hidden for longer may be predicted where somebody else appears.
     """
     last = -math.inf  # s; time of the last scan with tracks
     for i in range(used[0]):
         last = max(last, rows[i, T])
-    for k in range(len(name)):
-        if name[k] < 0:
+    for k in range(len(track_id)):
+        if track_id[k] < 0:
             return True
-        i = row_of(Table(rows, used, NAME), float(name[k]))
+        i = row_of(Table(rows, used, ID), float(track_id[k]))
         if i >= 0 and _distance(rows[i], t, xy[k]) > FAR:
             return True
         for other in range(used[0] if i < 0 else 0):
             near = rows[other, T] == last and _distance(rows[other], t, xy[k]) <= FAR
-            if near and not _has(name, rows[other, NAME]):
+            if near and not _has(track_id, rows[other, ID]):
                 return True
     return False
 
 
 @bare_kernel
-def _has(names: NDArray[np.int64], name: float) -> bool:
+def _has(ids: NDArray[np.int64], wanted: float) -> bool:
     found = False
-    for one in names:
-        found = found or float(one) == name
+    for one in ids:
+        found = found or float(one) == wanted
     return found
 
 

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.tracking.table import NAMED, SEEN, Table, row_or_oldest
+from antway.kernels.tracking.table import SEEN, TRACK_ID, Table, row_or_oldest
 
-# Columns of a row after NAMED and SEEN: the last measurement of a track, and the time between its last two, NaN where there was
-# one.
+# Columns of a row after TRACK_ID and SEEN: the last measurement of a track, and the time between its last two, NaN where there
+# was one.
 _X, _Y, _VX, _VY, _DT = range(2, 7)
 COLUMNS = 7
 # Entries of `state`: the medians of the squared innovations, m^2, and of the squared changes of velocity, m^2/s^2; from RUN on,
@@ -42,7 +42,7 @@ def measured_noise(
     used: NDArray[np.int64],
     state: NDArray[np.float64],
     t: float,
-    name: NDArray[np.int64],
+    track_id: NDArray[np.int64],
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
 ) -> tuple[float, float]:
@@ -56,8 +56,8 @@ def measured_noise(
         Of the table with the last measurement of each track; Python hands on two arrays faster than the record.
     state : float64[STATE]
         See PLACE and the others above; zeros at first.
-    t, name, xy, velocity
-        The scan, as in kernels/tracking/kalman.py; tracks without a name are ignored.
+    t, track_id, xy, velocity
+        The scan, as in kernels/tracking/kalman.py; tracks without an id are ignored.
 
     Notes
     -----
@@ -71,14 +71,14 @@ def measured_noise(
     The change of a velocity with noise of variance R has the same median. But people change theirs as well: velocities that are
     wrong lead to wrong places, so their variance is at most that of the innovations' mean velocity, 4 R / dt^2 of places.
     """
-    for k in range(len(name)):
-        if name[k] < 0:
+    for k in range(len(track_id)):
+        if track_id[k] < 0:
             continue
         vx, vy, dt = velocity[k, 0], velocity[k, 1], math.nan
         measured = not math.isnan(vx + vy)
         if not measured and state[PLACE] == 0.0:
             state[PLACE] = _UNSEEN
-        i, is_new = row_or_oldest(Table(rows, used, NAMED), float(name[k]))
+        i, is_new = row_or_oldest(Table(rows, used, TRACK_ID), float(track_id[k]))
         row = rows[i]
         if not is_new:
             dt = t - row[SEEN]
@@ -100,7 +100,8 @@ def measured_noise(
                     _step(state, VELOCITY, change, 0.0, _STEP)
                     state[BETWEEN] = dt
                     _count_first(state, squared, change, dt)
-        row[NAMED], row[SEEN], row[_X], row[_Y], row[_VX], row[_VY], row[_DT] = name[k], t, xy[k, 0], xy[k, 1], vx, vy, dt
+        row[TRACK_ID], row[SEEN], row[_DT] = track_id[k], t, dt
+        row[_X], row[_Y], row[_VX], row[_VY] = xy[k, 0], xy[k, 1], vx, vy
     variance = state[PLACE] / MEDIAN
     if variance <= EXACT or state[BETWEEN] == 0.0:
         return (variance if variance > LEAST else 0.0), 0.0

@@ -13,7 +13,7 @@ from antway.kernels.base.geometry import first_wall, reflected
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import Terrain
 
-X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of the track estimates, one row for each track
+X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, ID = range(8)  # columns of the track estimates, one row for each track
 MIRRORS = 4  # a track is mirrored at walls at most this many times
 STEP_TIME = 0.25  # s; a predicted trajectory has one velocity for each step of this length
 NO_PREDICTIONS = np.empty((0, 1, 2))  # for tracks that all keep their velocity
@@ -126,7 +126,7 @@ def predict(
     Parameters
     ----------
     estimates : float64[K, 8]
-        x, y (m), vx, vy (m/s), radius (m), standard deviations of place (m) and of velocity (m/s), and the track's name.
+        x, y (m), vx, vy (m/s), radius (m), standard deviations of place (m) and of velocity (m/s), and the track's id.
     now, age, horizon : float
         Time now, age of the estimates, and how far ahead to predict, s.
     robot_x, robot_y : float

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from antway.kernels.base import records
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tracking.kalman import UNKNOWN
-from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.predict import ID, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import SEEN, Table, drop_lost, row_for, row_of
 
-# Columns of a row after NAMED and SEEN: when the track's place was predicted, for which time, and that place. The last two are
-# its errors (see `count_comparison`).
+# Columns of a row after TRACK_ID and SEEN: when the track's place was predicted, for which time, and that place. The last two
+# are its errors (see `count_comparison`).
 _SINCE, _DUE, _X, _Y = range(2, 6)
 COLUMNS = 8
 LATER = 0.8  # s; a predicted place is compared with the true one after this time
@@ -108,9 +108,9 @@ def compare_predictions(
     drop_lost(table, t)
     for k in range(len(estimates)):
         out[k] = _AXIS * pool[0]
-        if estimates[k, NAME] < 0.0:
+        if estimates[k, ID] < 0.0:
             continue
-        i, is_new = row_for(table, estimates[k, NAME])
+        i, is_new = row_for(table, estimates[k, ID])
         if i < 0:
             continue
         row = table.rows[i]
@@ -146,7 +146,7 @@ def store_predictions(table: Table, estimates: NDArray[np.float64], t: float, se
         while last < len(segments) and segments[last, records.T0] >= segments[last - 1, records.T1]:
             last += 1
         start, first = first, last
-        i = row_of(table, estimates[k, NAME])
+        i = row_of(table, estimates[k, ID])
         if i < 0 or table.rows[i, _DUE] > -math.inf or estimates[k, SIGMA_V] >= UNKNOWN:
             continue
         row = table.rows[i]

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.tracking.table import NAMED, SEEN, Table, row_or_oldest
+from antway.kernels.tracking.table import SEEN, TRACK_ID, Table, row_or_oldest
 
-# Columns of a row after NAMED and SEEN: when and where a track was at the beginning of a span, how far reported velocities have
-# led since then, the velocity reported last, and that between the places of the span before.
+# Columns of a row after TRACK_ID and SEEN: when and where a track was at the beginning of a span, how far reported velocities
+# have led since then, the velocity reported last, and that between the places of the span before.
 _SINCE, _X, _Y, _DX, _DY, _VX, _VY, _PX, _PY = range(2, 11)
 COLUMNS = 11
 # Spans, s; the number of comparisons before reported velocities can be found wrong; and how many times as wrong as places they
@@ -29,7 +29,7 @@ def wrong(
     used: NDArray[np.int64],
     state: NDArray[np.float64],
     t: float,
-    name: NDArray[np.int64],
+    track_id: NDArray[np.int64],
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
     span: tuple[float, float, float],
@@ -44,15 +44,15 @@ def wrong(
         Of the table with the last measurement of each track; Python hands on two arrays faster than the record.
     state : float64[3]
         Number of comparisons, and the sums of both errors, m/s; zeros at first.
-    t, name, xy, velocity
+    t, track_id, xy, velocity
         The scan, as in kernels/tracking/kalman.py; a velocity of NaN is not reported.
     span : (float, float, float)
         Of SPANS. The table and the state are of this span alone.
     """
     least, enough, times = span
-    for k in range(len(name)):
+    for k in range(len(track_id)):
         px, py = math.nan, math.nan
-        i, is_new = row_or_oldest(Table(rows, used, NAMED), float(name[k]))
+        i, is_new = row_or_oldest(Table(rows, used, TRACK_ID), float(track_id[k]))
         row = rows[i]
         if not is_new:
             dt, between = t - row[SEEN], t - row[_SINCE]
@@ -70,7 +70,8 @@ def wrong(
                 state[0] += 1.0
                 state[1] += min(by_velocities, _MOST)
                 state[2] += min(by_places, _MOST)
-        row[NAMED], row[SEEN], row[_SINCE], row[_X], row[_Y], row[_DX], row[_DY] = name[k], t, t, xy[k, 0], xy[k, 1], 0.0, 0.0
+        row[TRACK_ID], row[SEEN], row[_SINCE] = track_id[k], t, t
+        row[_X], row[_Y], row[_DX], row[_DY] = xy[k, 0], xy[k, 1], 0.0, 0.0
         row[_VX], row[_VY], row[_PX], row[_PY] = velocity[k, 0], velocity[k, 1], px, py
     found: bool = state[0] >= enough and state[1] > times * state[2] + _LEAST * state[0]
     return found

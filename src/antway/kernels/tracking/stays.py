@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
-from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
+from antway.kernels.tracking.predict import ID, RADIUS, VX, VY, X, Y
 from antway.kernels.tracking.table import SEEN, Table, row_for
 
-# Columns of a row after NAMED and SEEN: when the stay of the track began, its radius, the box that holds its centre since, and
-# whether it was leaving when it was last seen (1 or 0).
+# Columns of a row after TRACK_ID and SEEN: when the stay of the track began, its radius, the box that holds its centre since,
+# and whether it was leaving when it was last seen (1 or 0).
 SINCE, SIZE, LOW_X, LOW_Y, HIGH_X, HIGH_Y, LEAVING = range(2, 9)
 COLUMNS = 9
 PLACE = 1.0  # m; an obstacle stays as long as the diagonal of the box that holds its centre is no longer than this
@@ -47,7 +47,7 @@ def update_stays(table: Table, estimates: NDArray[np.float64], seen: NDArray[np.
     table : Table
         The stays known so far, [M, COLUMNS]. In a full table further tracks are left out.
     estimates : float64[K, 8]
-        As in kernels/tracking/predict.py. Tracks without a name are left out.
+        As in kernels/tracking/predict.py. Tracks without an id are left out.
     seen : float64[K]
         When each of them was last seen, s.
     """
@@ -62,9 +62,9 @@ def update_stays(table: Table, estimates: NDArray[np.float64], seen: NDArray[np.
             kept += 1
     table.used[0] = kept
     for k in range(len(estimates)):
-        if estimates[k, NAME] < 0.0 or seen[k] != t:
+        if estimates[k, ID] < 0.0 or seen[k] != t:
             continue
-        i, is_new = row_for(table, estimates[k, NAME])
+        i, is_new = row_for(table, estimates[k, ID])
         if i < 0:
             continue
         row = rows[i]

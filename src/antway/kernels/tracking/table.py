@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.rows import copy_row
 
-NAMED, SEEN = range(2)  # first columns of most tables: the name of the track, and when it was last seen, s
+TRACK_ID, SEEN = range(2)  # first columns of most tables: the id of the track, and when it was last seen, s
 _LOST = 1.0  # s; a track that was not seen for longer is dropped
 
 
@@ -19,12 +19,12 @@ class Table(NamedTuple):
 
     rows: NDArray[np.float64]  # [M, C]
     used: NDArray[np.int64]  # [1] number of rows in use
-    named: int  # column of the tracks' names; that of when they were last seen follows
+    id_column: int  # column of the tracks' ids; that of when they were last seen follows
 
 
-def make_table(rows: int, columns: int, named: int = NAMED) -> Table:
+def make_table(rows: int, columns: int, id_column: int = TRACK_ID) -> Table:
     """Return an empty table."""
-    return Table(np.zeros((rows, columns)), np.zeros(1, np.int64), named)
+    return Table(np.zeros((rows, columns)), np.zeros(1, np.int64), id_column)
 
 
 def rows_in_use(table: Table) -> NDArray[np.float64]:
@@ -33,35 +33,35 @@ def rows_in_use(table: Table) -> NDArray[np.float64]:
 
 
 @bare_kernel
-def row_of(table: Table, name: float) -> int:
-    """Return the row of the track with this name, or -1 if there is none."""
+def row_of(table: Table, track_id: float) -> int:
+    """Return the row of the track with this id, or -1 if there is none."""
     for i in range(table.used[0]):
-        if table.rows[i, table.named] == name:
+        if table.rows[i, table.id_column] == track_id:
             return i
     return -1
 
 
 @bare_kernel
-def row_for(table: Table, name: float) -> tuple[int, bool]:
-    """Return the row of the track with this name, and whether it is new: zeros but for the name.
+def row_for(table: Table, track_id: float) -> tuple[int, bool]:
+    """Return the row of the track with this id, and whether it is new: zeros but for the id.
 
     In a full table there is none for a new track, and the row is -1.
     """
-    i = row_of(table, name)
+    i = row_of(table, track_id)
     if i >= 0 or table.used[0] == len(table.rows):
         return i, i < 0
     i = table.used[0]
     table.used[0] += 1
     table.rows[i] = 0.0
-    table.rows[i, table.named] = name
+    table.rows[i, table.id_column] = track_id
     return i, True
 
 
 @bare_kernel
-def row_or_oldest(table: Table, name: float) -> tuple[int, bool]:
+def row_or_oldest(table: Table, track_id: float) -> tuple[int, bool]:
     """Do as `row_for`, but in a full table a new track replaces the one that was unseen for longest."""
-    i, is_new = row_for(table, name)
-    return (int(np.argmin(table.rows[:, table.named + 1])) if i < 0 else i), is_new
+    i, is_new = row_for(table, track_id)
+    return (int(np.argmin(table.rows[:, table.id_column + 1])) if i < 0 else i), is_new
 
 
 @bare_kernel
@@ -69,7 +69,7 @@ def drop_lost(table: Table, t: float) -> None:
     """Drop the tracks that were last seen more than 1 s before `t`."""
     kept = 0
     for i in range(table.used[0]):
-        if t - table.rows[i, table.named + 1] <= _LOST:
+        if t - table.rows[i, table.id_column + 1] <= _LOST:
             if kept != i:
                 copy_row(table.rows[i], table.rows[kept])
             kept += 1

@@ -14,7 +14,7 @@ from antway.kernels.base.jit import call
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.tracking import stays
 from antway.kernels.tracking.stays import update_stays
-from antway.kernels.tracking.table import NAMED, SEEN, make_table, rows_in_use
+from antway.kernels.tracking.table import SEEN, TRACK_ID, make_table, rows_in_use
 from antway.search.sipp import timed_field
 from antway.world.policy import XY
 
@@ -242,5 +242,5 @@ def node_near(context: PlanningContext, xy: XY) -> int:
 
 
 def _stays(rows: NDArray[np.float64]) -> set[tuple[float, float]]:
-    """Return the name and the beginning of the stay in each row of kernels/tracking/stays.py."""
-    return set(zip(rows[:, NAMED].tolist(), rows[:, stays.SINCE].tolist(), strict=True))
+    """Return the id and the beginning of the stay in each row of kernels/tracking/stays.py."""
+    return set(zip(rows[:, TRACK_ID].tolist(), rows[:, stays.SINCE].tolist(), strict=True))

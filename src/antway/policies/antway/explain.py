@@ -13,11 +13,11 @@ from antway.kernels.base.records import CONTACT_RADIUS, T0
 from antway.kernels.base.records import VY as VY_OF
 from antway.kernels.crossing import SEGMENT_COUNT
 from antway.kernels.spacetime.memory import Memory
-from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
+from antway.kernels.tracking.predict import ID, RADIUS, VX, VY, X, Y
 from antway.planning import TimedPath
 from antway.policies.antway.alternatives import Snapshot, Weighed, manner
 from antway.policies.antway.state import State
-from antway.policies.antway.tracker import NAMELESS
+from antway.policies.antway.tracker import FIRST_OWN_ID
 from antway.policies.encounter import closest_approach, encounter
 from antway.world.policy import XY, Decision
 
@@ -99,11 +99,11 @@ def explain(
         met = f"in {when - now.now:.1f} s on the direct path"
         if k is not None:
             t, gap = _approach(now, now.estimates[k].tolist(), velocity)
-    reason, kind, name = "the path is free", "", None
+    reason, kind, track_id = "the path is free", "", None
     alternatives: Sequence[tuple[str, float]] = (("on along the path", late),)
     if k is not None:
-        name = int(now.estimates[k, NAME])
-        name = -1 if name >= NAMELESS else name
+        track_id = int(now.estimates[k, ID])
+        track_id = -1 if track_id >= FIRST_OWN_ID else track_id
         kind = encounter(velocity, (float(now.estimates[k, VX]), float(now.estimates[k, VY])))
         how = manner(kind, velocity, path, now.segments_of(k), now.now)
         stays = (path.xy[np.searchsorted(path.t, now.now, side="right") :] == path.xy[-1]).all()
@@ -114,7 +114,7 @@ def explain(
         does = ", ".join(filter(None, (wait, past)))
         if action == "follow":
             action = "wait" if stands else "avoid"
-        whom = f"obstacle {name}" if name >= 0 else "an obstacle"
+        whom = f"obstacle {track_id}" if track_id >= 0 else "an obstacle"
         reason = f"{kind} with {whom}, {met}: {does}, {f'+{late:.1f} s' if late < math.inf else 'no path found'}"
         alternatives = Weighed(now, k, kind, velocity, (does, late), how)
     elif late > _LATE:
@@ -128,7 +128,7 @@ def explain(
     return Decision(
         action,
         reason,
-        obstacle=name,
+        obstacle=track_id,
         encounter=kind,
         time_to_closest=t,
         distance_at_closest=gap,

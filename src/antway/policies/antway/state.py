@@ -17,7 +17,7 @@ from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.kernels.tracking import crowd, curves, prediction_error
-from antway.kernels.tracking.predict import NAME
+from antway.kernels.tracking.predict import ID
 from antway.kernels.tracking.table import make_table
 from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
@@ -168,7 +168,7 @@ def make_crowd(task: Task, rows: int) -> Crowd:
     """Return tables for predictions of so many tracks. The less obstacles may swerve, the less wrong they seem at first."""
     error, weight = prediction_error.POOL
     return Crowd(
-        people=make_table(rows, crowd.COLUMNS, NAME),
+        people=make_table(rows, crowd.COLUMNS, ID),
         prediction=np.empty((rows, crowd.STEPS, 2)),
         changes=np.zeros((rows, 4)),
         averaged=np.zeros((rows, 8)),

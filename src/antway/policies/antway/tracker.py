@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import averages, changes, kalman, noise, reported
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import Table, make_table, rows_in_use
 from antway.world.policy import XY, Observation, Tracks
 
 ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
-_NEAR = 0.8  # m; a track without a name is matched if it is nearer than this to its predicted place
-NAMELESS = 2**52  # tracks that the sensor gives no name are numbered from here on; up to 2**53 floats hold all whole numbers
-_LARGEST_NAME = 2.0**63 - 1024.0  # the largest float that is a whole number of 64 bits
+_NEAR = 0.8  # m; a track without an id is matched if it is nearer than this to its predicted place
+FIRST_OWN_ID = 2**52  # tracks without an id get one from here on; up to 2**53 floats hold all whole numbers
+_LARGEST_ID = 2.0**63 - 1024.0  # the largest float that is a whole number of 64 bits
 _MEASURED = 0.9 * kalman.UNKNOWN**2  # m^2/s^2; a measured velocity is known better than one that is not measured
 _UNDERSTATED = 4.0  # 1; a sensor whose innovations show a variance of places this many times the stated one understates it
 _NOISY = 1e-4  # m^2; above this median of the squared innovations, the guard is given estimates instead of measurements
@@ -49,7 +49,7 @@ class Tracker:
 
     def __init__(self, strict: bool = False) -> None:
         self._strict = strict
-        self.table = make_table(ROWS, kalman.COLUMNS, NAME)
+        self.table = make_table(ROWS, kalman.COLUMNS, ID)
         self._estimates = np.zeros((ROWS, 8))
         self.estimates = self._estimates[:0]
         self.averages = make_table(ROWS, averages.COLUMNS)
@@ -62,14 +62,14 @@ class Tracker:
         self._has_velocities = True  # whether the sensor measured those of all tracks in the last scan
         self.doubts_velocities = False
         self._forget()
-        self._next_name = NAMELESS
+        self._next_id = FIRST_OWN_ID
 
     def corrected(self, seen: Observation) -> Observation:
-        """Return the observation with a name for each track (`with_names`), and without velocities that are wrong."""
+        """Return the observation with an id for each track (`with_ids`), and without velocities that are wrong."""
         t = seen.sensed_at
         if len(seen.tracks) > MOST_ROWS:
             seen = replace(seen, tracks=nearest(seen.tracks, seen.xy))
-        tracks, self._next_name = with_names(seen.tracks, t, self.table, self._next_name)
+        tracks, self._next_id = with_ids(seen.tracks, t, self.table, self._next_id)
         if tracks.covariance is None:
             wrong = [
                 reported.wrong(*table[:2], errors, t, tracks.id, tracks.xy, tracks.velocity, span)
@@ -195,7 +195,7 @@ class Tracker:
         covariance = np.zeros((len(e), 4, 4))
         covariance[:, 0, 0] = covariance[:, 1, 1] = e[:, SIGMA] ** 2
         covariance[:, 2, 2] = covariance[:, 3, 3] = e[:, SIGMA_V] ** 2
-        return replace(seen, tracks=Tracks(names_of(e), e[:, :2], velocity, e[:, RADIUS], covariance))
+        return replace(seen, tracks=Tracks(ids_of(e), e[:, :2], velocity, e[:, RADIUS], covariance))
 
 
 def nearest(tracks: Tracks, xy: XY) -> Tracks:
@@ -205,16 +205,16 @@ def nearest(tracks: Tracks, xy: XY) -> Tracks:
     return Tracks(tracks.id[at], tracks.xy[at], tracks.velocity[at], tracks.radius[at], covariance)
 
 
-def names_of(estimates: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the names of tracks, which tables hold as floats; the largest whole numbers become one that both can hold."""
-    return np.minimum(estimates[:, NAME], _LARGEST_NAME).astype(np.int64)
+def ids_of(estimates: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the ids of tracks, which tables hold as floats; the largest whole numbers become one that both can hold."""
+    return np.minimum(estimates[:, ID], _LARGEST_ID).astype(np.int64)
 
 
-def with_names(tracks: Tracks, t: float, table: Table, first: int) -> tuple[Tracks, int]:
-    """Return the tracks seen at time `t` s with a name for each: that of the nearest known track, or else a new one.
+def with_ids(tracks: Tracks, t: float, table: Table, first: int) -> tuple[Tracks, int]:
+    """Return the tracks seen at time `t` s with an id for each: that of the nearest known track, or else a new one.
 
-    A name that the sensor gives counts, unless its track was expected far from there and another known track near: then the
-    sensor has swapped names. The second result is from where on new names are counted the next time.
+    An id that the sensor gives counts, unless its track was expected far from there and another known track near: then the
+    sensor has swapped ids. The second result is from where on new ids are counted the next time.
 
     Parameters
     ----------
@@ -223,33 +223,33 @@ def with_names(tracks: Tracks, t: float, table: Table, first: int) -> tuple[Trac
     table : Table
         The known tracks, as in kernels/tracking/kalman.py. Those that have a track already are not considered.
     first : int
-        New names are the least from here on that nobody has.
+        New ids are the least from here on that nobody has.
     """
-    if first <= NAMELESS and not kalman.needs_names(*table[:2], t, tracks.id, tracks.xy):
+    if first <= FIRST_OWN_ID and not kalman.needs_ids(*table[:2], t, tracks.id, tracks.xy):
         return tracks, first
     rows = rows_in_use(table)
     age = t - rows[:, kalman.T]
     place = rows[:, X : Y + 1] + rows[:, VX : VY + 1] * age[:, None]
     gap = np.hypot(*(place[:, None] - tracks.xy).transpose(2, 0, 1))
-    given = np.where(_doubtful(gap, rows[:, NAME, None] == tracks.id), -1, tracks.id)
-    ids, known = given.copy(), names_of(rows)
-    gap[np.isin(rows[:, NAME], given)] = math.inf
+    given = np.where(_doubtful(gap, rows[:, ID, None] == tracks.id), -1, tracks.id)
+    ids, known = given.copy(), ids_of(rows)
+    gap[np.isin(rows[:, ID], given)] = math.inf
     gap[:, given >= 0] = math.inf
     while gap.size and gap.min() < _NEAR:  # the nearest pair first
         i, k = np.unravel_index(gap.argmin(), gap.shape)
         ids[k] = known[i]
         gap[i], gap[:, k] = math.inf, math.inf
-    ids = np.where((ids < 0) & ~np.isin(tracks.id, ids), tracks.id, ids)  # a doubtful name that nobody else got
+    ids = np.where((ids < 0) & ~np.isin(tracks.id, ids), tracks.id, ids)  # a doubtful id that nobody else got
     new = np.flatnonzero(ids < 0)
-    taken = np.append(ids, rows[:, NAME])  # floats, as names in the table are
+    taken = np.append(ids, rows[:, ID])  # floats, as ids in the table are
     ids[new] = np.setdiff1d(first + np.arange(float(len(taken))), taken)[: len(new)]
     return replace(tracks, id=ids), int(ids[new].max(initial=first - 1)) + 1
 
 
 def _doubtful(gap: NDArray[np.float64], same: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tell of each track of a scan whether its name is doubtful.
+    """Tell of each track of a scan whether its id is doubtful.
 
-    It is if no known track has that name, or if that track was expected more than `kalman.FAR` away and another one half as far
+    It is if no known track has that id, or if that track was expected more than `kalman.FAR` away and another one half as far
     at most: a known track is nearer to this place, or a track of the scan to the place expected.
 
     Parameters
@@ -257,7 +257,7 @@ def _doubtful(gap: NDArray[np.float64], same: NDArray[np.bool_]) -> NDArray[np.b
     gap : float64[M, K]
         How far each track of the scan is from where each known track was expected, m.
     same : bool[M, K]
-        Whether both have the same name.
+        Whether both have the same id.
     """
     own, others = np.where(same, gap, math.inf), np.where(same, math.inf, gap)
     known = others.min(axis=0, initial=math.inf)

@@ -15,7 +15,7 @@ from antway.kernels.base.jit import call
 from antway.kernels.base.rng import State, uniform
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.tracking import stays
-from antway.kernels.tracking.table import NAMED, SEEN, rows_in_use
+from antway.kernels.tracking.table import SEEN, TRACK_ID, rows_in_use
 from antway.policies.antway.detours import Detours, diagonals, middles, node_near, without
 from antway.search.sipp import timed_field
 from antway.world.policy import XY, Observation, Task
@@ -48,7 +48,7 @@ class Yielding:
         self._place, self._since, self._due = (math.inf, math.inf), 0.0, 0.0  # where the robot stays, since when; the next look
         self._first: dict[float, float] = {}  # when the first stay of each obstacle in sight began, s
         self._asked: Task | None = None  # what the robot goes on with; None while it gives no way
-        self._other = -1.0  # the name of whom it gives way to
+        self._other = -1.0  # the id of whom it gives way to
 
     def __str__(self) -> str:
         return "" if self._asked is None else "the robot gives way to an obstacle that waits for it"
@@ -61,11 +61,11 @@ class Yielding:
     def next_task(self, task: Task, detours: Detours, t: float, xy: XY) -> Task:
         """Return `task`, or what the robot at `xy` is to do instead from now, `t` s, on: drive to a refuge, or to its goal."""
         rows = rows_in_use(detours.stays)
-        self._first = {name: self._first.get(name, since) for name, since in rows[:, [NAMED, stays.SINCE]].tolist()}
+        self._first = {other: self._first.get(other, since) for other, since in rows[:, [TRACK_ID, stays.SINCE]].tolist()}
         if math.dist(xy, self._place) > min(0.2 * _WAIT * task.robot.v_max, stays.PLACE):
             self._place, self._since = xy, t
         if self._asked is not None:
-            other = rows[rows[:, NAMED] == self._other]
+            other = rows[rows[:, TRACK_ID] == self._other]
             if len(other) and not self._has_passed(self._asked.goal, detours, other, t, xy):
                 if t < max(self._since, other[0, stays.SINCE]) + self._wait:
                     return task
@@ -90,7 +90,7 @@ class Yielding:
             return None
         self._due, stay, row = t + _WAIT, rows[:, SEEN] - rows[:, stays.SINCE], rows[k]
         paths = _Paths(detours, rows[stay >= 0.5 * _WAIT], xy)
-        came = row[stays.SINCE] > self._first[float(row[NAMED])] or diagonals(rows)[k] > _CAME
+        came = row[stays.SINCE] > self._first[float(row[TRACK_ID])] or diagonals(rows)[k] > _CAME
         needed = _WAIT if came and math.isinf(paths.to(task.goal)) else _UNSURE
         if min(stay[k], t - self._since) < needed - 1e-6:
             return None
@@ -102,7 +102,7 @@ class Yielding:
         best = int(times.argmin())
         if times[best] > t - self._since:  # not before it has waited for as long as the way to the refuge takes
             return None
-        self._other = float(row[NAMED])
+        self._other = float(row[TRACK_ID])
         i, j = divmod(best, context.cols)
         return context.x0 + j * context.resolution, context.y0 + i * context.resolution
 
@@ -185,8 +185,8 @@ class Dance:
         if o.t > self._expires or len(o.tracks) > 1:
             self._first.clear()
             return False
-        for name, place in zip(o.tracks.id.tolist(), o.tracks.xy.tolist(), strict=True):
-            since, first = self._first.setdefault(name, (o.t, place))
+        for number, place in zip(o.tracks.id.tolist(), o.tracks.xy.tolist(), strict=True):
+            since, first = self._first.setdefault(number, (o.t, place))
             if o.t - since > _AGAIN and math.dist(first, place) < _MOVES * v_max * (o.t - since):
                 self.until = o.t + _PAUSE[0] + (_PAUSE[1] - _PAUSE[0]) * float(call(uniform, rng))
                 self._expires = -math.inf
