@@ -103,8 +103,8 @@ class Tracks:
     Attributes
     ----------
     id : int64[K]
-        An obstacle keeps its number from one observation to the next; negative means no number. If a number occurs twice,
-        policies and guards treat these tracks as tracks without a number.
+        An obstacle keeps its id from one observation to the next; a negative one means that the sensor gives none. If an id
+        occurs twice, policies and guards treat these tracks as tracks without one.
     xy, velocity : float64[K, 2]
         m, m/s.
     radius : float64[K]
