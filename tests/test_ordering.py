@@ -210,6 +210,20 @@ def test_several_robots_are_little_late_where_all_must_be() -> None:
     assert late > case / 2 and worse <= late / 20
 
 
+def test_several_robots_are_as_little_late_by_time_as_by_cycles() -> None:
+    """A budget in seconds leaves some of it for the stops that fit nowhere."""
+    rng = np.random.default_rng(0)
+    for _ in range(cases(6, 40)):
+        xy = rng.random((6, 2)) * 100
+        matrix, windows = np.hypot(*(xy[:, None] - xy[None]).T), np.tile([0.0, math.inf], (6, 1))
+        windows[1:, 1] = rng.uniform(5, 40, 5)
+        answer = order_stops(matrix, windows=windows, robots=2, seed=1, end="start", seconds=0.2)
+        shared = itertools.product(itertools.permutations(range(1, 6)), range(6))
+        routes = ([[0, *order[:cut], 0], [0, *order[cut:], 0]] for order, cut in shared)
+        least = min(naive.lateness(matrix.tolist(), windows.tolist(), [0.0] * 6, math.inf, each, True) for each in routes)
+        assert answer.lateness == pytest.approx(least, rel=1e-6)
+
+
 @pytest.mark.parametrize("initial", [None, [0, 3, 1, 2]])
 def test_a_stop_of_priority_zero_is_left_out(initial: list[int] | None) -> None:
     """It would cost a way and collect nothing; only where the way through it is shorter it is a part of the tour."""

@@ -17,6 +17,7 @@ _ANNEALINGS = 8  # limit of annealings that share the budget; the best one count
 _ENOUGH = 250  # iterations per stop from which another annealing is better than a slower one
 _FIRST = 3  # number of looks at the clock after which the number of annealings is decided
 _HOT, _COLD = 3.0, 0.1  # initial and final temperature, in typical steps
+_KEPT = 0.25  # share of the time that is kept for stops that fit nowhere
 _PAIRED = 20  # limit of stops of which pairs are moved as well
 _PRICE = 3.0  # price of leaving out a stop of mean priority, in typical steps
 
@@ -55,7 +56,7 @@ def best_routes(stops: Stops, clock: Clock, cycles: int | None, seed: int, initi
     """Search for the best routes of all robots until the clock is spent or `cycles` of 100 iterations are done.
 
     An annealing ends in one local optimum, and slower cooling helps little. If the budget allows, there are several, each from
-    its own routes.
+    its own routes. If stops that must be visited fit nowhere, the last quarter of the time is theirs; see `_complete`.
     """
     rows, spans, opens, closes = layout(stops)
     n = len(rows)
@@ -79,6 +80,8 @@ def best_routes(stops: Stops, clock: Clock, cycles: int | None, seed: int, initi
         # The temperature falls with the used share of an annealing's budget.
         passed = (time.perf_counter() - started) / max(clock.end - clock.started, 1e-9)
         used = done / limit if cycles is not None else min(1.0, passed)
+        if done and passed > 1.0 - _KEPT and stops.priorities is None and (best.route[1:-1] == kernel.OUT).any():
+            break
         if done == _FIRST and initial is None and used > 0.0:
             runs = min(max(int(done / used * _ITERATIONS / (_ENOUGH * n)), 1), _ANNEALINGS)
         if int(used * runs) > run and used < 1.0:
