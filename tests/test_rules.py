@@ -103,6 +103,18 @@ def test_probabilities_by_hand():
     assert np.abs(weight[0] / colony.state.row_sum[0] - expected).max() <= 1e-12
 
 
+def test_heuristic_is_one_over_distance():
+    """Short edges beside long ones, and two cities in one place, which count as a tenth of the shortest edge apart."""
+    dice = np.random.default_rng(4)
+    places = np.vstack((dice.uniform(0.0, 10.0, (20, 2)), dice.uniform(-1e4, 1e4, (4, 2))))
+    colony = Colony(Tsp(places), AntSystem(beta=2.0), ants=2)
+    away = np.linalg.norm(places[:, None] - places, axis=2)
+    gap = np.take_along_axis(away, colony.candidates, axis=1)
+    assert colony.state.eta == pytest.approx((gap[:, :1] / gap) ** 2.0)
+    equal = Colony(Tsp([(0, 0), (0, 0), (2, 0), (100, 0)]), AntSystem(beta=1.0), ants=2)
+    assert equal.state.eta[0] == pytest.approx([1.0, 0.1, 0.002])
+
+
 @compiled
 def roulette(weight, near, left, q0, came, state, draws):
     counts = np.zeros(near.shape[1], dtype=np.int64)
