@@ -83,7 +83,7 @@ class Colony:
         n, k = self.cities.near.shape
         m = self.rule.ants or (25 if isinstance(self.rule, MaxMinAntSystem) else min(n, 100))
         self.numbers = self.rule.numbers(m)
-        # The heuristic is 1 / distance, scaled to 1 for the nearest city. Equal places count as a tenth of the shortest step apart.
+        # The heuristic is 1 / distance, scaled to 1 for the nearest city. Equal places count as a tenth of the shortest edge.
         gap = self.cities.gap
         least = float(gap.min(where=gap > 0.0, initial=math.inf))
         gap = np.where(gap > 0.0, gap, (0.1 * least or least) if math.isfinite(least) else 1.0)

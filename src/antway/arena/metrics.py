@@ -147,7 +147,8 @@ def real_difference(a: ArrayLike, b: ArrayLike) -> tuple[float, Interval, bool]:
 def scored_by_all(scores: dict[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
     """Tell in which of the N episodes every policy has a score, bool[N]; policies without any score do not count."""
     known = np.isfinite(np.array(list(scores.values())))
-    return known[known.any(axis=1)].all(axis=0)
+    common: NDArray[np.bool_] = known[known.any(axis=1)].all(axis=0)
+    return common
 
 
 def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[tuple[str, float, int]]:

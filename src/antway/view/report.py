@@ -134,7 +134,8 @@ def _rank_table(rows: Sequence[Row], policies: Sequence[str]) -> str:
         lines.append(_cells("td", cells))
     paired_all = len(next(iter(wins.values()), ()))
     shared = int(metrics.scored_by_all(times).sum())
-    heads = ("policy", "rank by success", f"of {paired_all} paired", "rank by time / optimum", f"mean of {shared} that all reached")
+    ranked = "rank by success", f"of {paired_all} paired", "rank by time / optimum"
+    heads = ("policy", *ranked, f"mean of {shared} that all reached")
     return (
         "<h3>Which differences are significant</h3><p>A rank is lost to each policy that is significantly better: on the same "
         "episodes (for time, those in which both reached the goal) the 95 % interval of the difference excludes 0.</p>"
