@@ -115,6 +115,14 @@ def test_heuristic_is_one_over_distance():
     assert equal.state.eta[0] == pytest.approx([1.0, 0.1, 0.002])
 
 
+def test_initial_pheromone_is_the_books():
+    """Table 3.1 for 10 ants, 20 cities and a tour of 50, with the evaporation 1 - persistence in place of rho."""
+    expected = {"as": 10 / 50, "eas": 20 / (0.5 * 50), "rank": 0.5 * 6 * 5 / (0.1 * 50), "acs": 1 / (20 * 50)}
+    assert {name: make_rule(name).initial(10, 20, 50.0) for name in expected} == pytest.approx(expected)
+    mmas = Colony(Tsp(matrix=FOUR), candidates=3)  # whose tour by greed is 14 long
+    assert mmas.state.tau == pytest.approx(1 / (0.02 * 14))
+
+
 @compiled
 def roulette(weight, near, left, q0, came, state, draws):
     counts = np.zeros(near.shape[1], dtype=np.int64)
