@@ -33,7 +33,7 @@ from report import DATA, OUT, show, write, written
 INSTANCES = DATA / "tsplib"
 PLAIN = {
     "eil51": {"mmas": 427.0, "acs": 429.0, "eas": 429.0, "rank": 431.0, "as": 440.0},
-    "kroA100": {"mmas": 21320.0, "acs": 21450.0, "eas": 21560.0, "as": 22600.0},
+    "kroA100": {"mmas": 21320.0, "acs": 21450.0, "eas": 21560.0, "rank": 21650.0, "as": 22600.0},
 }
 # (seconds, threads, mean gap that must be held)
 SEARCHED = {

@@ -115,6 +115,19 @@ def test_ranks_compare_where_both_have_a_score():
     assert math.isnan(table["never"][0]) and list(table)[-1] == "never"
 
 
+def test_the_mean_beside_a_rank_is_of_the_episodes_that_all_reached():
+    """A policy that is 5 % slower everywhere, and fails where it is difficult, has the larger mean too."""
+    good = np.linspace(1.0, 2.0, 60)
+    weak = np.where(good < 1.4, 1.05 * good, math.nan)
+    scores = {"good": good, "weak": weak, "never": np.full(60, math.nan)}
+    (best, mean, _), (worse, larger, rank), (last, nothing, _) = metrics.ranks(scores, most=False)
+    assert (best, worse, last, rank) == ("good", "weak", "never", 2) and math.isnan(nothing)
+    assert larger == pytest.approx(1.05 * mean) and mean == pytest.approx(good[good < 1.4].mean())
+    assert metrics.scored_by_all(scores).sum() == np.count_nonzero(good < 1.4)
+    apart = {"b": np.where(good < 1.5, good, math.nan), "a": np.where(good > 1.5, good, math.nan)}
+    assert [(name, rank, math.isnan(mean)) for name, mean, rank in metrics.ranks(apart)] == [("a", 1, True), ("b", 1, True)]
+
+
 def test_pairing_sees_what_unpaired_means_do_not():
     """A small difference on episodes of very different length is real only because they are paired."""
     hard = np.random.default_rng(3).uniform(5.0, 50.0, 100)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import pickle
 import threading
@@ -12,6 +13,7 @@ import pytest
 import antway
 from antway import BadInput, BadParameter, Budget, CellBlocked, Grid, Moves, OutOfBounds, Plan, Problem, Status
 from antway.errors import TooLarge
+from antway.planning import TimedPath
 
 OPEN = Grid(np.zeros((4, 5), dtype=bool), resolution=0.5)
 NASTY: list[object] = [math.nan, math.inf, -math.inf, 1e308, -1, 10**30, True, "3", None, b"x", [], {}, 1 + 2j, ...]
@@ -99,6 +101,19 @@ def test_arrays_of_answers_cannot_be_written() -> None:
         plan.cells[0, 0] = 1
     with pytest.raises(AttributeError):
         grid.resolution = 2.0  # type: ignore[misc]
+
+
+def test_arrays_of_copies_cannot_be_written() -> None:
+    """A plan that was pickled or copied is the same, and as read-only."""
+    cells, points = np.array([[0, 0], [1, 1]], np.int32), np.array([[0.0, 0.0], [1.0, 1.0]])
+    plan = Plan(Status.FOUND, cells, 0.7, optimal=True, expanded=3, points=points, grid=OPEN)
+    timed = TimedPath(np.array([0.0, 1.0]), points.copy())
+    for copied in (lambda one: pickle.loads(pickle.dumps(one)), copy.deepcopy):
+        again, later = copied(plan), copied(timed)
+        assert repr(again) == repr(plan) and again.expanded == 3 and (again.points == points).all()
+        assert (again.grid.blocked == OPEN.blocked).all() and later.at(0.5) == timed.at(0.5)
+        for array in (again.cells, again.points, later.t, later.xy):
+            assert not array.flags.writeable
 
 
 def test_moves_name_their_offsets() -> None:

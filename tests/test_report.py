@@ -88,6 +88,8 @@ def test_markdown_has_every_summary_and_rank(rows):
     for table in (levels_table, ranks_table, failures):
         assert {line.count("|") for line in table} == {table[0].count("|")} and "nan" not in "".join(table)
     assert "| oracle | 1 | 100.0 |" in ranks_table[2]
+    times = np.array(list(paired(rows, POLICIES)[1].values()))
+    assert f"time / optimum in {np.isfinite(times).all(axis=0).sum()} that all reached |" in ranks_table[0]
 
 
 def test_failures_keep_their_trace(file, rows):

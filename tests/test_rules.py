@@ -103,6 +103,26 @@ def test_probabilities_by_hand():
     assert np.abs(weight[0] / colony.state.row_sum[0] - expected).max() <= 1e-12
 
 
+def test_heuristic_is_one_over_distance():
+    """Short edges beside long ones, and two cities in one place, which count as a tenth of the shortest edge apart."""
+    dice = np.random.default_rng(4)
+    places = np.vstack((dice.uniform(0.0, 10.0, (20, 2)), dice.uniform(-1e4, 1e4, (4, 2))))
+    colony = Colony(Tsp(places), AntSystem(beta=2.0), ants=2)
+    away = np.linalg.norm(places[:, None] - places, axis=2)
+    gap = np.take_along_axis(away, colony.candidates, axis=1)
+    assert colony.state.eta == pytest.approx((gap[:, :1] / gap) ** 2.0)
+    equal = Colony(Tsp([(0, 0), (0, 0), (2, 0), (100, 0)]), AntSystem(beta=1.0), ants=2)
+    assert equal.state.eta[0] == pytest.approx([1.0, 0.1, 0.002])
+
+
+def test_initial_pheromone_is_the_books():
+    """Table 3.1 for 10 ants, 20 cities and a tour of 50, with the evaporation 1 - persistence in place of rho."""
+    expected = {"as": 10 / 50, "eas": 20 / (0.5 * 50), "rank": 0.5 * 6 * 5 / (0.1 * 50), "acs": 1 / (20 * 50)}
+    assert {name: make_rule(name).initial(10, 20, 50.0) for name in expected} == pytest.approx(expected)
+    mmas = Colony(Tsp(matrix=FOUR), candidates=3)  # whose tour by greed is 14 long
+    assert mmas.state.tau == pytest.approx(1 / (0.02 * 14))
+
+
 @compiled
 def roulette(weight, near, left, q0, came, state, draws):
     counts = np.zeros(near.shape[1], dtype=np.int64)

@@ -145,6 +145,11 @@ def test_wrong_suites_are_refused():
     for spec in ("maps", "tracks", "synthetic:x.yaml"):
         with pytest.raises(BadParameter, match="suite"):
             load_suite(spec)
+    for spec in ("synthetic", "paper", "encounters"):
+        assert load_suite(f"{spec}:").name == spec  # a colon before nothing
+    for spec in ("maps:", "tracks:"):
+        with pytest.raises(BadParameter, match=f"{spec}FILE"):
+            load_suite(spec)
     for spec in ("maps:none.yaml", "tracks:none.csv"):
         with pytest.raises(BadInput, match="none"):
             load_suite(spec)

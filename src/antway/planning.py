@@ -8,7 +8,7 @@ import math
 import threading
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from functools import lru_cache
 from importlib.metadata import entry_points
@@ -224,6 +224,10 @@ class Plan:
         if self.points is not None:
             self.points.setflags(write=False)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        # Copies and unpickled plans use the constructor, so that their arrays are read-only too.
+        return type(self), tuple(getattr(self, one.name) for one in fields(self))
+
     def xy(self, grid: Grid) -> NDArray[np.float64]:
         """Return the path's vertices in m, float64[N, 2]."""
         return grid.to_xy(self.cells if self.points is None else self.points)
@@ -253,6 +257,9 @@ class TimedPath:
     def __post_init__(self) -> None:
         self.t.flags.writeable = False
         self.xy.flags.writeable = False
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return TimedPath, (self.t, self.xy)
 
     def at(self, t: float) -> tuple[float, float]:
         """Return the place at time `t` s; it is constant before the first and after the last knot."""

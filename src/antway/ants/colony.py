@@ -83,8 +83,10 @@ class Colony:
         n, k = self.cities.near.shape
         m = self.rule.ants or (25 if isinstance(self.rule, MaxMinAntSystem) else min(n, 100))
         self.numbers = self.rule.numbers(m)
-        # The heuristic is 1 / distance, scaled to 1 for the nearest city. Equal places count as a tenth of a usual step apart.
-        gap = np.maximum(self.cities.gap, 0.1 * float(self.cities.gap[:, 0].mean()) or 1.0)
+        # The heuristic is 1 / distance, scaled to 1 for the nearest city. Equal places count as a tenth of the shortest edge.
+        gap = self.cities.gap
+        least = float(gap.min(where=gap > 0.0, initial=math.inf))
+        gap = np.where(gap > 0.0, gap, (0.1 * least or least) if math.isfinite(least) else 1.0)
         eta = (gap[:, :1] / gap) ** self.numbers.beta
         tau = np.ones((n, k))
         orders = np.tile(np.arange(n, dtype=np.uint32), (m, 1))

@@ -2,7 +2,8 @@
 
 Dorigo, Stuetzle: Ant Colony Optimization, MIT Press 2004, chapter 3; the defaults are those of its table 3.1. Every rule has
 the exponents alpha (of pheromone) and beta (of the heuristic) of Eq. (1), Q of Eq. (2) in [1e-100, 1e100], the number of ants
-(None: it depends on the problem) and a persistence. `numbers()` returns the rule for the kernels.
+(None: it depends on the problem) and a persistence, 1 minus the evaporation that the book calls rho. `numbers()` returns the
+rule for the kernels.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from antway import checks
 from antway.ants.persistence import Constant, Persistence
 from antway.errors import BadParameter
-from antway.kernels.colony.pheromone import Numbers
+from antway.kernels.colony.pheromone import Numbers, persistence
 
 
 class Rule(Protocol):
@@ -82,7 +83,7 @@ class ElitistAntSystem(_Colony):
         return _numbers(self, deposit_weight=np.ones(ants), elite=self._weight(ants))
 
     def initial(self, ants: int, nodes: int, length: float) -> float:
-        return (self._weight(ants) + ants) * self.q / length
+        return (self._weight(ants) + ants) * self.q / (_evaporation(self) * length)
 
     def _weight(self, ants: int) -> float:
         return float(ants) if self.elite is None else self.elite
@@ -103,7 +104,7 @@ class RankBasedAntSystem(_Colony):
         return _numbers(self, deposit_weight=np.maximum(self.ranks - 1.0 - np.arange(ants), 0.0), elite=float(self.ranks))
 
     def initial(self, ants: int, nodes: int, length: float) -> float:
-        return 0.5 * self.ranks * (self.ranks - 1.0 if self.ranks > 1 else 1.0) * self.q / length
+        return 0.5 * self.ranks * (self.ranks - 1.0 if self.ranks > 1 else 1.0) * self.q / (_evaporation(self) * length)
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,6 +202,11 @@ def make_rule(rule: object, **changes: object) -> Rule:
     found: Any = rule if isinstance(rule, tuple(RULES.values())) else RULES[checks.choice("rule", rule, RULES)]()
     result: Rule = replace(found, **{name: value for name, value in changes.items() if value is not None})
     return result
+
+
+def _evaporation(rule: Any) -> float:
+    """Return how much evaporates in the first cycle, at least 1/1000, by which the book divides initial pheromone."""
+    return max(1.0 - float(persistence(rule.persistence.numbers(), 1.0, 0.0, 0, 0.0)), 1e-3)
 
 
 def _numbers(rule: Any, **own: Any) -> Numbers:

@@ -144,6 +144,13 @@ def real_difference(a: ArrayLike, b: ArrayLike) -> tuple[float, Interval, bool]:
     return float(difference.mean()), (low, high), n >= PAIRS and not low <= 0.0 <= high
 
 
+def scored_by_all(scores: dict[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
+    """Tell in which of the N episodes every policy has a score, bool[N]; policies without any score do not count."""
+    known = np.isfinite(np.array(list(scores.values())))
+    common: NDArray[np.bool_] = known[known.any(axis=1)].all(axis=0)
+    return common
+
+
 def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[tuple[str, float, int]]:
     """Rank policies by their mean score on the same episodes; those whose difference is not significant share a rank.
 
@@ -157,7 +164,8 @@ def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[
     Returns
     -------
     list of (policy, mean, rank)
-        Best first. The rank is 1 plus the number of policies that are significantly better.
+        Best first, policies without any score last. The mean is of the episodes in which every policy has a score
+        (`scored_by_all`), NaN if there is none. The rank is 1 plus the number of policies that are significantly better.
 
     Examples
     --------
@@ -165,13 +173,13 @@ def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[
     [('a', 1.0, 1), ('c', 1.0, 1), ('b', 0.0, 3)]
     """
     sign = 1.0 if most else -1.0
-    table = []
+    table, common = [], scored_by_all(scores)
     for name, mine in scores.items():
         better = 0
         for other, theirs in scores.items():
             both = np.isfinite(mine) & np.isfinite(theirs)
             mean, _, real = real_difference(theirs[both], mine[both])
             better += other != name and real and sign * mean > 0.0
-        known = mine[np.isfinite(mine)]
-        table.append((name, float(known.mean()) if len(known) else math.nan, 1 + better))
-    return sorted(table, key=lambda row: (math.isnan(row[1]), row[2], -sign * row[1], row[0]))
+        table.append((name, float(mine[common].mean()) if common.any() else math.nan, 1 + better))
+    never = {name for name, mine in scores.items() if not np.isfinite(mine).any()}
+    return sorted(table, key=lambda row: (row[0] in never, row[2], -sign * row[1] if common.any() else 0.0, row[0]))

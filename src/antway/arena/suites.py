@@ -142,14 +142,14 @@ def load_suite(spec: str) -> Suite:
     BadMap, BadScenario
         If the file cannot be read.
     """
-    name, colon, argument = checks.instance("suite", spec, str).partition(":")
+    name, _, argument = checks.instance("suite", spec, str).partition(":")
     if name not in SUITES:
         raise BadParameter("suite", spec, f"one of {names(SUITES)} (on the command line also predict, ants)")
     if (name in OF_FILES) != bool(argument):
         raise BadParameter("suite", spec, f"{name}:FILE" if not argument else f"{name}, which takes no file")
     module, _, attribute = SUITES[name].partition(":")
     make = getattr(importlib.import_module(module), attribute)
-    suite: Suite = make(argument) if colon else make()
+    suite: Suite = make(argument) if argument else make()
     return suite
 
 

@@ -138,7 +138,8 @@ def remarks(table: Sequence[Summary]) -> list[str]:
 def markdown(rows: Sequence[Row]) -> str:
     """Return the summaries of the rows of one suite, the ranks of its policies and their failures by cause, in Markdown.
 
-    Ranks are by success and by time over the optimum on the episodes that all policies played.
+    Ranks are by success and by time over the optimum on the episodes that all policies played; the mean time beside them is of
+    those that all reached.
     """
     names = sorted({row.policy for row in rows})
     heads = ["level", "policy", "episodes", "success, % (95 %)", "hit moving / standing / wall", "timeout / error"]
@@ -164,11 +165,13 @@ def markdown(rows: Sequence[Row]) -> str:
     wins, times = paired(rows, names)
     by_time = {name: (rank, mean) for name, mean, rank in metrics.ranks(times, most=False)}
     count = len(next(iter(wins.values()), ()))
-    heads = ["policy", "rank by success", f"success in {count} paired, %", "rank by time / optimum", "time / optimum"]
+    heads = ["policy", "rank by success", f"success in {count} paired, %", "rank by time / optimum"]
+    heads.append(f"time / optimum in {int(metrics.scored_by_all(times).sum())} that all reached")
     lines += ["", _line(heads), _line(["---"] + ["--:"] * 4)]
     for name, mean, rank in metrics.ranks(wins):
         place, ratio = by_time[name]
-        lines.append(_line((name, str(rank), f"{100 * mean:.1f}", _shown(ratio, str(place)), _shown(ratio, f"{ratio:.4f}"))))
+        shown = str(place) if np.isfinite(times[name]).any() else "–"
+        lines.append(_line((name, str(rank), f"{100 * mean:.1f}", shown, _shown(ratio, f"{ratio:.4f}"))))
     failed = [(name, why, count) for name in names for why, count in by_cause(r for r in rows if r.policy == name).items()]
     if failed:
         lines += ["", _line(["policy", "failures by cause", "episodes"]), _line(["---", "---", "--:"])]

@@ -47,8 +47,11 @@ def lower_bound(stops: Stops) -> float:
 def travel_bound(stops: Stops) -> float:
     """Return a lower bound of the travel time of all robots together."""
     n = len(stops.matrix)
-    if n < 3 or not np.isfinite(stops.matrix).all():
+    if n < 2 or not np.isfinite(stops.matrix).all():
         return 0.0
+    if n == 2:
+        there, back = stops.matrix[stops.start, 1 - stops.start], stops.matrix[1 - stops.start, stops.start]
+        return float(there + (back if stops.closed else 0.0)) * _SAFE
     matrix = stops.matrix if stops.robots == 1 else shortest(stops.matrix)
     if stops.robots > 1 and not stops.closed:
         # Routes with a common start form a tree; a given end is ignored.

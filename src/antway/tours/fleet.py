@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import time
 
 import numpy as np
@@ -17,7 +18,10 @@ _ANNEALINGS = 8  # limit of annealings that share the budget; the best one count
 _ENOUGH = 250  # iterations per stop from which another annealing is better than a slower one
 _FIRST = 3  # number of looks at the clock after which the number of annealings is decided
 _HOT, _COLD = 3.0, 0.1  # initial and final temperature, in typical steps
+_KEPT = 0.25  # share of the time that is kept for stops that fit nowhere
 _PAIRED = 20  # limit of stops of which pairs are moved as well
+_TIE = 1e-7  # weight of the travel time where the makespan counts, so that it decides between equal ones alone
+_SAME = 1.0 + 1e-8  # factor up to which a cost is that of a bound
 _PRICE = 3.0  # price of leaving out a stop of mean priority, in typical steps
 
 
@@ -51,11 +55,13 @@ def inner_places(rows: Order, orders: list[Order]) -> tuple[list[list[int]], lis
     return kept, sorted(place.values())
 
 
-def best_routes(stops: Stops, clock: Clock, cycles: int | None, seed: int, initial: list[Order] | None) -> list[Order]:
-    """Search for the best routes of all robots until the clock is spent or `cycles` of 100 iterations are done.
+def best_routes(
+    stops: Stops, clock: Clock, cycles: int | None, seed: int, initial: list[Order] | None, least: float
+) -> list[Order]:
+    """Search for the best routes of all robots until they cost `least`, time is up or `cycles` of 100 iterations are done.
 
     An annealing ends in one local optimum, and slower cooling helps little. If the budget allows, there are several, each from
-    its own routes.
+    its own routes. If stops that must be visited fit nowhere, the last quarter of the time is theirs; see `_complete`.
     """
     rows, spans, opens, closes = layout(stops)
     n = len(rows)
@@ -70,15 +76,17 @@ def best_routes(stops: Stops, clock: Clock, cycles: int | None, seed: int, initi
 
     if initial is not None:
         _fill(current, rows, initial)
-    cost, worth = kernel.start(fleet, current, drawn(0))
+    first, worth = kernel.start(fleet, current, drawn(0))
     kernel.copy(current, best)
-    record = np.array([cost, worth, cost])
+    record, cost = np.array([first, worth, first]), math.inf
     done, limit, started = 0, 2**62 if cycles is None else cycles, time.perf_counter()
     hot, runs, run = _COLD if initial is not None else _HOT, 1, 0
     while done < limit and not (done and clock.spent()):
         # The temperature falls with the used share of an annealing's budget.
         passed = (time.perf_counter() - started) / max(clock.end - clock.started, 1e-9)
         used = done / limit if cycles is not None else min(1.0, passed)
+        if done and passed > 1.0 - _KEPT and stops.priorities is None and (best.route[1:-1] == kernel.OUT).any():
+            break
         if done == _FIRST and initial is None and used > 0.0:
             runs = min(max(int(done / used * _ITERATIONS / (_ENOUGH * n)), 1), _ANNEALINGS)
         if int(used * runs) > run and used < 1.0:
@@ -88,7 +96,11 @@ def best_routes(stops: Stops, clock: Clock, cycles: int | None, seed: int, initi
         temperature = step * hot * (_COLD / hot) ** (used * runs - run)
         kernel.anneal(fleet, scratch, current, best, record, drawn(done + 1), _ITERATIONS, temperature)
         done += 1
-    orders = [_order(stops, rows[best.stops[k, : best.sizes[k]]]) for k in range(stops.robots)]
+        if record[kernel.BEST_COST] < cost:
+            cost = record[kernel.BEST_COST]
+            if (best.route[1:-1] != kernel.OUT).all() and stops.cost(_orders(stops, rows, best)) <= least * _SAME:
+                break
+    orders = _orders(stops, rows, best)
     if stops.priorities is None:
         orders = _complete(stops, orders, rows[1:-1][best.route[1:-1] == kernel.OUT].tolist(), clock)
     return orders
@@ -105,7 +117,7 @@ def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floa
     step = typical_step(np.sort(inner, axis=1)[:, :3], spans)
     worth, price = np.zeros(n), np.zeros(n)
     last = 1.0 if stops.objective == "makespan" else 0.0
-    total = 1e-4 if last else 0.1 if stops.priorities is not None else 1.0
+    total = _TIE if last else 0.1 if stops.priorities is not None else 1.0
     if stops.priorities is None:
         worth[1:-1], price[1:-1] = 1.0, horizon
     else:
@@ -125,6 +137,11 @@ def _fill(routes: kernel.Routes, rows: Order, orders: list[Order]) -> None:
         routes.stops[k, 1 + len(inner)] = last
         routes.sizes[k] = len(inner) + 2
         routes.route[inner] = k
+
+
+def _orders(stops: Stops, rows: Order, routes: kernel.Routes) -> list[Order]:
+    """Return the routes as orders of stops."""
+    return [_order(stops, rows[routes.stops[k, : routes.sizes[k]]]) for k in range(stops.robots)]
 
 
 def _order(stops: Stops, order: Order) -> Order:

@@ -19,6 +19,7 @@ from antway.tours.untimed import FEW, improved_order, is_untimed, shortest_order
 
 _QUICK = 0.2  # s; with less time, an earlier answer is only improved by local search
 _PREPARATION = 6e-8  # s per cubed number of stops; with less time, the analysis of windows (a quarter of it) is left out
+_SOON = 50  # number of stops up to which the bound takes a few ms, so that the search for several routes may end at it
 _NEAR = 1e-9  # share of the end time; tolerance of sums of times
 
 
@@ -132,15 +133,17 @@ def order_stops(
     quick = known is not None and (quick or (seconds is not None and seconds < _QUICK))
     if is_untimed(stops):
         if not quick or len(stops.matrix) <= FEW:
-            order, least = shortest_order(stops, clock, cycles, seed, None if known is None else known[0])
+            order, shortest = shortest_order(stops, clock, cycles, seed, None if known is None else known[0])
             stays = float(stops.service.sum()) if stops.objective == "makespan" else 0.0
-            return finished(stops, [order], least + stays)
+            return finished(stops, [order], shortest + stays)
         assert known is not None
         known = [improved_order(stops, known[0])]
     quick = quick or (budget.seconds is not None and budget.seconds < _PREPARATION * len(stops.matrix) ** 3)
-    proven, pheromone = False, None
+    proven, pheromone, least = False, None, 0.0
     if stops.robots > 1 or stops.priorities is not None:
-        orders = best_routes(stops, clock, cycles, seed, known)
+        if stops.priorities is None and not quick and len(stops.matrix) <= _SOON:
+            least = lower_bound(stops)
+        orders = best_routes(stops, clock, cycles, seed, known, least)
     else:
         order, proven, pheromone = best_order(stops, clock, cycles, seed, None if known is None else known[0], learned, quick)
         orders = [order]
@@ -157,7 +160,7 @@ def order_stops(
     elif proven and answer.feasible:
         bound = answer.cost * (1.0 - _NEAR)
     else:
-        bound = lower_bound(stops) if math.isfinite(answer.cost) else 0.0
+        bound = (least or lower_bound(stops)) if math.isfinite(answer.cost) else 0.0
     return replace(answer, bound=bound, gap=_gap(stops, answer.cost, answer.collected, bound))
 
 
@@ -190,7 +193,7 @@ def _initial(stops: Stops, initial: Ordering | object) -> tuple[list[Order] | No
 def finished(stops: Stops, orders: list[Order], bound: float, pheromone: Floats | None = None) -> Ordering:
     """Return the `Ordering` of `orders`, with times computed from the matrix."""
     arrival, waiting, done, lateness = zip(*(stops.timing(order) for order in orders))
-    cost = float(max(done)) if stops.objective == "makespan" else sum(stops.travel(order) for order in orders)
+    cost = float(stops.cost(orders))
     late = float(sum(lateness))
     if late <= _NEAR * (1.0 + max(done)):
         late = 0.0  # nothing but rounding errors of sums

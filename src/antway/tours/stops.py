@@ -50,6 +50,11 @@ class Stops:
         }
         for name, value in found.items():
             object.__setattr__(self, name, value)
+        if np.isfinite(matrix).all():
+            # No robot ends later than this, so that what closes then never does.
+            end_of_all = float(self.windows[:, 0].max() + matrix.max(axis=1).sum() + self.service.sum()) * (1.0 + 1e-9)
+            self.windows[self.windows[:, 1] >= end_of_all, 1] = math.inf
+            object.__setattr__(self, "deadline", self.deadline if self.deadline < end_of_all else math.inf)
 
     @property
     def closed(self) -> bool:
@@ -92,6 +97,12 @@ class Stops:
     def travel(self, order: Order) -> float:
         """Return the sum of the travel times along `order`, in s."""
         return float(self.matrix[order[:-1], order[1:]].sum())
+
+    def cost(self, orders: list[Order]) -> float:
+        """Return the objective of the orders of all robots, in s."""
+        if self.objective == "makespan":
+            return max(self.timing(order)[2] for order in orders)
+        return sum(self.travel(order) for order in orders)
 
 
 def typical_step(nearest: Floats, times: Floats) -> float:

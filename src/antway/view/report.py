@@ -10,6 +10,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
+import numpy as np
+
 from antway.arena import metrics
 from antway.arena.store import Results, Row
 from antway.arena.summary import Summary, paired, remarks, span, summarise
@@ -127,10 +129,13 @@ def _rank_table(rows: Sequence[Row], policies: Sequence[str]) -> str:
     lines = []
     for name, mean, rank in metrics.ranks(wins):
         by_time, ratio = time[name]
-        cells = (name, rank, f"{_number(100 * mean, 1)} %", by_time if math.isfinite(ratio) else "–", _number(ratio, 4))
+        place = by_time if np.isfinite(times[name]).any() else "–"
+        cells = (name, rank, f"{_number(100 * mean, 1)} %", place, _number(ratio, 4))
         lines.append(_cells("td", cells))
     paired_all = len(next(iter(wins.values()), ()))
-    heads = ("policy", "rank by success", f"of {paired_all} paired", "rank by time / optimum", "mean of those reached")
+    shared = int(metrics.scored_by_all(times).sum())
+    ranked = "rank by success", f"of {paired_all} paired", "rank by time / optimum"
+    heads = ("policy", *ranked, f"mean of {shared} that all reached")
     return (
         "<h3>Which differences are significant</h3><p>A rank is lost to each policy that is significantly better: on the same "
         "episodes (for time, those in which both reached the goal) the 95 % interval of the difference excludes 0.</p>"

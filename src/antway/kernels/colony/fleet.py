@@ -181,6 +181,9 @@ def ruin(fleet: Fleet, r: Routes, touched: NDArray[np.bool_], state: rng.State) 
     if routes_used == 0:
         return
     longest = min(float(LONGEST_STRING), visited / routes_used)
+    # The paper has one less in the last bracket, and so removes less. On 18 cases of benchmarks/orienteering.py --seed 1, three
+    # seeds each, cost over the best of both, ours against the paper's: with 150 cycles makespan 0.14 and 0.41 %, windows 0.28
+    # and 0.12 %; with 500 of ours and 575 of the paper's, which take as long, 0.15 and 0.13 %, 0.07 and 0.05 %.
     strings = int(1.0 + rng.uniform(state) * (4.0 * MEAN_REMOVED / (1.0 + longest)))
     seed = 1 + rng.below(state, n - 2)
     if fleet.last_weight > 0.0 and rng.uniform(state) < 0.5:
