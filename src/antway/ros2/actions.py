@@ -67,6 +67,11 @@ class Served:
             else:
                 server.destroy()
 
+    @property
+    def unanswered(self) -> bool:
+        """Whether results have not been sent yet; a task makes each, and another sends it."""
+        return self.following is not None or self.ending > 0
+
     # Plans
 
     def _plan(
@@ -222,7 +227,7 @@ class Served:
                 tf = wrong.field == "header.frame_id" or "tf" in wrong.field
                 error = nav2.FOLLOW_TF_ERROR if tf else nav2.INVALID_PATH, str(wrong)
         if error is not None:
-            if self.following is not None:  # as in Nav2, where a goal ends the one before it whether it can be followed or not
+            if node.busy:  # as in Nav2, where a goal ends the one before it whether it can be followed or not
                 node.drop("pre-empted by a goal that is refused")
             return self._finish(handle, kind, error[0], error_code=error[0], error_msg=error[1])
 

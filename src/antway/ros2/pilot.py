@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -29,6 +30,8 @@ from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.robots import towards
 
 ODOMETRY, OBSTACLES = "odometry", "obstacles"
+LATE = 2.0  # control periods; a robot brakes if odometry has not answered its last command for longer than this
+SLOW = 1.5  # control periods; a robot stands if odometry comes, at the median, more slowly than this
 
 
 class Pilot:
@@ -58,6 +61,8 @@ class Pilot:
         self.last_decision: tuple[Decision, Decision] | None = None  # of the policy, and the same in the map's frame
         self.due = self.started = -math.inf  # s; when odometry is to be answered next, and when the policy started
         self.now = self.answered = -math.inf  # s of a steady clock; when odometry last arrived, and was last answered
+        self.gaps: deque[float] = deque(maxlen=11)  # s; between the stamps of the latest odometry
+        self.missed = 0  # number of control periods in which the robot brakes because odometry is late
         self._restart()
 
     def _restart(self) -> None:
@@ -113,19 +118,38 @@ class Pilot:
         self.goal = self.policy = self.turner = self.planning = None
         return self._hold(level, reason, done)
 
-    def silent(self, seconds: float) -> Answer | None:
-        """Answer that there was no odometry for this time; a stop that has since goes on without."""
-        dt = self.settings.robot.dt
-        if self._stopping and seconds > 1.5 * dt:
+    def silent(self, seconds: float, held: float) -> Answer | None:
+        """Brake if odometry is late; a stop that has begun continues.
+
+        There was no good odometry for `seconds` s of a steady clock. The last command that answers odometry was sent `held` s
+        ago, by a clock that is slow where the robot's is. It is certified for one control period. After two the robot brakes,
+        by one command in each, until odometry is back: so late it is lost, and does not just jitter.
+        """
+        dt, timeout = self.settings.robot.dt, self.settings.timeout
+        if self.goal is None and not self._stopping:
+            return None
+        over = max(held / dt - (1.5 if self._stopping else LATE), (seconds - timeout) / dt)
+        if over <= self.missed:
+            return None
+        self.missed = math.floor(over) + 1
+        if self._stopping:
             self.due += dt
             return self.brake()
-        if self.goal is None or seconds <= self.settings.timeout:
-            return None
+        if seconds <= timeout:
+            if self.command is STAND:
+                return None
+            if not isinstance(self.guard, GuardProcess):  # that brakes by itself
+                self.brake()
+            return self._hold(WARN, self._fault(ODOMETRY) or f"brake: no odometry for {LATE:g} control periods")
         self.brake()
-        reason = self._fault(ODOMETRY) or f"no odometry for {self.settings.timeout:g} s"
-        if self.goal.gives_up and seconds > self.settings.wait_timeout:
+        reason = self._fault(ODOMETRY) or f"no odometry for {timeout:g} s"
+        if self.goal is not None and self.goal.gives_up and seconds > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
         return self._hold(ERROR, reason)
+
+    def period(self) -> float:
+        """Return how far apart the stamps of odometry have been lately, s; 0 if that is not known."""
+        return float(np.median(self.gaps)) if len(self.gaps) > 2 else 0.0
 
     def _fault(self, what: str) -> str:
         """Return why odometry or obstacles were refused within the last `timeout`; empty if they were not."""
@@ -147,15 +171,23 @@ class Pilot:
             self.brake()
             self.due = -math.inf if self.guard is None else odometry.t + dt
             self._restart()
+            self.gaps.clear()
             return self._hold(WARN, f"odometry's clock jumped by {odometry.t - before.t:.3f} s")
-        if odometry.t < self.due - dt / 4:
+        if before is not None and odometry.t > before.t:
+            self.gaps.append(odometry.t - before.t)
+        every = self.period() > 0.9 * dt and not self._stopping  # odometry that jitters by more than a quarter, too
+        if odometry.t < self.due - dt / 4 and not every:
             return None
+        self.missed = 0
         self.due = (self.due if odometry.t - self.due < dt else odometry.t) + dt
         self.answered = now
         if self.goal is None or self._stopping:
             stood = self.guard is None
             answer = self.brake()
             return None if stood else answer
+        if (period := self.period()) > SLOW * dt:
+            reason = f"odometry comes each {period:.2f} s: commands are certified for robot.dt, {dt:g} s, and no longer"
+            return self._wait(odometry.t, ERROR, reason)
         return self._decide(self.goal, odometry)
 
     # Stopping

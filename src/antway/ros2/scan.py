@@ -133,10 +133,6 @@ class Laser:
         while self.trail[0][0] < t - 4.0 * self.longest:
             self.trail.popleft()
 
-    def period(self) -> float:
-        """Return how far apart the times of odometry have been lately, s; 0 if that is not known."""
-        return float(np.median(np.diff([t for t, _ in self.trail]))) if len(self.trail) > 1 else 0.0
-
     def middle(self, scan: tuple[float, Any]) -> float:
         """Return the time of the middle of a scan that waited, s."""
         return scan[0] - self._sweep(scan[1]) / 2
