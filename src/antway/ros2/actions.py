@@ -169,6 +169,9 @@ class Served:
         try:
             grid = self._map()
             goals = getattr(goal.goals, "goals", goal.goals)  # nav_msgs/msg/Goals in newer releases, a list in older ones
+            if len(goals) == 0:
+                code = getattr(getattr(kind.type, "Result", None), "NO_VIAPOINTS_GIVEN", THROUGH + nav2.NO_VALID_PATH)
+                raise Failure(code - THROUGH, "goals = []: must be at least one")
             places = [self._place(goal.start if goal.use_start else None), *(self._place(one) for one in goals)]
         except Failure as failure:
             return self._planned(handle, kind, started, path, Failure(THROUGH + failure.code, failure.reason))

@@ -37,7 +37,7 @@ from antway.ros2.nav2 import Kind, nav2_kinds
 from antway.ros2.pictures import Pictures
 from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
 from antway.ros2.reports import Reports
-from antway.ros2.scan import Laser, Tracker, discs, nameless, newest_reached, off_the_map
+from antway.ros2.scan import Laser, Tracker, Walls, discs, nameless, newest_reached
 from antway.ros2.settings import LASER, Settings
 from antway.ros2.tf import Transforms
 from antway.world.policy import Command, Task, Tracks
@@ -47,7 +47,6 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 UPDATES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # older odometry is of no use to a node that was busy
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-OTHER_CLOCK = 60.0  # s; odometry that seems older than this has the stamps of another clock
 
 
 class AntwayNode(LifecycleNode):  # type: ignore[misc]
@@ -99,8 +98,9 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.feed: Callable[[], None] | None = None  # called after each command
         self.maps = convert.MapReader(self.settings.frame, self.settings.map_occupied)
         self.laser = Laser(self.settings.timeout)
+        self.walls: Walls | None = None  # of the map, for laser scans
         self.heard = time.monotonic()  # s; when odometry was last good
-        self.answered = self._clock()  # s; when it was last answered
+        self.answered = self._seconds()  # s; when it was last answered
         self.stood = -math.inf, 0.0  # s; when the robot was last told to stand, and when that is to be repeated
         self._open_publishers()
         self._open_subscriptions(kind)
@@ -166,7 +166,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Start driving to goals."""
         done = super().on_activate(state)
-        self.active, self.heard, self.answered = True, time.monotonic(), self._clock()
+        self.active, self.heard, self.answered = True, time.monotonic(), self._seconds()
         self.reports.say(OK, "no goal")
         return done
 
@@ -278,7 +278,9 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         def read(scan: tuple[float, Any]) -> tuple[float, Tracks]:
             seen, (_, (x, y, _)) = laser.middle(scan), laser.trail[-1]
             mount = self.transforms.mount(scan[1].header.frame_id, settings.base_frame, scan[0], settings.timeout)
-            points = off_the_map(laser.placed(scan, *mount, settings.scan_valid), grid, settings.scan_clear)
+            if self.walls is None or self.walls.grid is not grid:
+                self.walls = Walls(grid, settings.scan_clear)
+            points = self.walls.off(laser.placed(scan, *mount, settings.scan_valid))
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
             return seen, self.tracker.update(seen, nameless(places), (x, y))
 
@@ -291,10 +293,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
         def read(message: Any) -> Odometry:
             odometry = convert.read_odometry(message)
-            late, most = self.get_clock().now().nanoseconds * 1e-9 - odometry.t, self.settings.timeout
-            if odometry.t > 0.0 and most < late < OTHER_CLOCK:
-                allowed = f"at most {most:g} s by this node's clock: the network or a filter is slow, or clocks differ"
-                raise BadParameter("age of header.stamp", f"{late:.2f} s", allowed, where="Odometry")
+            frames.check_age(odometry, self.get_clock().now().nanoseconds * 1e-9, self.settings.timeout)
             frame = self.transforms.pose(message.header.frame_id, self.settings.frame, odometry.t, self.settings.timeout)
             return frames.move_odometry(frame, odometry)
 
@@ -311,7 +310,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         policy, answer = self.pilot.policy, self.pilot.receive_odometry(odometry, now)
         drives, took = self._do(answer), time.monotonic() - now
         if answer is not None:
-            self.answered = self._clock()
+            self.answered = self._seconds()
         if drives:
             self.pictures.show(t)
             if took > self.settings.robot.dt and policy is self.pilot.policy:  # to set out may take longer
@@ -321,22 +320,22 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         else:
             self.heard = time.monotonic()  # the time for the start does not count as silence
 
-    def _clock(self) -> float:
+    def _seconds(self) -> float:
         """Return the time by the clock of a simulation, which may be slow, or by a steady one, s."""
         clock = self.get_clock()
         return float(clock.now().nanoseconds * 1e-9) if clock.ros_time_is_active else time.monotonic()
 
     def _watch(self) -> None:
         """Brake if odometry is late, and repeat the command to stand for `timeout`, unless others may drive the robot."""
-        now, pilot, (stood, again) = time.monotonic(), self.pilot, self.stood
-        self._do(pilot.silent(now - self.heard, self._clock() - self.answered))
-        if self.active and again <= now <= stood + self.settings.timeout and pilot.goal is None and pilot.guard is None:
-            self.stood = stood, again + self.settings.robot.dt
-            if self.count_publishers(self.cmd_vel.topic_name) <= 1 + self.settings.guard_process:
+        now, (stood, again), settings = time.monotonic(), self.stood, self.settings
+        self._do(self.pilot.silent(now - self.heard, self._seconds() - self.answered))
+        if self.active and self.pilot.rests and again <= now <= stood + settings.timeout:
+            self.stood = stood, again + settings.robot.dt
+            if self.count_publishers(self.cmd_vel.topic_name) <= 1 + settings.guard_process:
                 self._send(STAND)
 
     def _serve_stop(self, request: Any, response: Any) -> Any:
-        stops = self.active and (self.busy or self.pilot.guard is not None)
+        stops = self.active and (self.busy or not self.pilot.rests)
         response.success, response.message = stops, "stopped" if stops else "there was no goal, and the robot stands"
         if self.active:
             self.drop("stopped on request")

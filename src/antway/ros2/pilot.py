@@ -30,6 +30,7 @@ from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.robots import towards
 
 ODOMETRY, OBSTACLES = "odometry", "obstacles"
+GUARD_ENDED = "the guard's process has ended: deactivate, clean up, configure and activate the node, which starts another one"
 LATE = 2.0  # control periods; a robot brakes if odometry has not answered its last command for longer than this
 SLOW = 1.5  # control periods; a robot stands if odometry comes, at the median, more slowly than this
 
@@ -193,6 +194,11 @@ class Pilot:
     # Stopping
 
     @property
+    def rests(self) -> bool:
+        """Whether the robot stands and has no goal."""
+        return self.goal is None and self.guard is None
+
+    @property
     def _stopping(self) -> bool:
         """Whether the robot follows a certified stop, or begins it in the next control period."""
         return self.guard is not None and self.policy is None and self.turner is None
@@ -265,7 +271,7 @@ class Pilot:
                 if self.guard_process is not None:
                     self.guard_process.reset(planned.task)
             except BadInput as wrong:
-                return self._wait(t, ERROR, f"the robot cannot set out: {wrong}")
+                return self._wait(t, ERROR, self._guard_ended() or f"the robot cannot set out: {wrong}")
             self.policy, self.started, self.progress = planned, t, (math.nan, xy)
         self.waiting_since = math.nan
         # Planning may have taken long, so progress counts from the next odometry on.
@@ -320,10 +326,14 @@ class Pilot:
         self.guard = None if keeper is None or keeper.task.robot.stepwise else keeper
         if did == SILENT:
             self.guard = None
-            return self._wait(seen.t + start, ERROR, "the guard's process is silent")
+            return self._wait(seen.t + start, ERROR, self._guard_ended() or "the guard's process is silent")
         acts = command.acts(seen, self.settings.robot)
         self._send(acts)
         return replace(command, twist=acts) if self.settings.robot.wheels else command, did
+
+    def _guard_ended(self) -> str:
+        """Return what to do about a guard's process that has ended; empty if it runs, or is not used."""
+        return GUARD_ENDED if self.guard_process is not None and not self.guard_process.alive else ""
 
     def _send(self, pair: XY) -> None:
         """Record a command that does not act yet."""
@@ -349,7 +359,7 @@ class Pilot:
                 if self.guard_process is not None:
                     self.guard_process.reset(task)
             except BadInput as wrong:
-                return self._wait(t, ERROR, f"the robot cannot turn: {wrong}")
+                return self._wait(t, ERROR, self._guard_ended() or f"the robot cannot turn: {wrong}")
             self.turner = Guard()
             self.turner.reset(task)
         guard, self.waiting_since = self.turner, math.nan
