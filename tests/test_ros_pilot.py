@@ -16,7 +16,8 @@ import pytest
 
 from antway import Command, Decision, Grid, Moves, Observation, Outcome, Scenario, World, run
 from antway.errors import BadInput, BadParameter
-from antway.planning import Problem, solve
+from antway.kernels.tracking import kalman
+from antway.planning import PLANNERS, Problem, solve
 from antway.policies.antway import beside
 from antway.policies.guard_process import GuardProcess
 from antway.ros2 import compile as compiling
@@ -601,6 +602,17 @@ def test_paths_that_lead_to_the_moon_are_refused() -> None:
     assert "path" in answers[0].reason and answers[-1].end is End.WAITED
 
 
+def test_a_path_that_leads_back_is_no_success() -> None:
+    """A loop ends where the robot is: it was called driven before the robot had moved. The short rest of a path is driven."""
+    loop, there = np.array([[2.0, 2.0], [6.0, 2.0], [6.0, 5.0], [2.1, 2.0]]), np.array([[2.0, 2.0], [6.0, 2.0], [2.0, 2.0]])
+    for path, end in ((loop, End.REFUSED), (there, End.REFUSED), (loop[:1], End.ARRIVED), (loop[[0, 3]], End.ARRIVED)):
+        drive = Drive()
+        drive.pilot.receive_map(ROOM)
+        drive.pilot.go(Goal(tuple(path[-1].tolist()), path, gives_up=True))
+        answer = drive.step()
+        assert answer.end is end and answer.command is STAND, answer
+
+
 # Tours
 
 
@@ -704,7 +716,12 @@ def test_what_drives_the_robot_is_compiled_before(monkeypatch) -> None:
     played = []
     monkeypatch.setattr(compiling, "run", lambda scenario, policy: played.append((scenario, policy)))
     usual = settings(**{"robot.drive": "differential", "robot.radius": 0.31, "policy.mode": "strict"})
+    loaded = []
+    monkeypatch.setattr(compiling, "call", lambda kernel, *details: loaded.append(kernel))
+    monkeypatch.setattr(compiling, "solve", lambda problem, planner, **limits: loaded.append(planner))
+    monkeypatch.setattr(compiling, "plan_tour", lambda grid, start, stops, **limits: loaded.append(len(stops)))
     compiling.compile_for(usual)
+    assert {*PLANNERS, kalman.raise_variances, 3, 16} <= set(loaded), "what is asked for on the way"
     (first, _), (second, unmeasured) = played
     assert first.robot == usual.robot and len(first.world.obstacles) == 4
     assert second.robot == replace(usual.robot, a_max=1.0, latency=0.1)

@@ -351,6 +351,19 @@ def test_a_tour_pre_empts_what_the_robot_drives_to(made, monkeypatch) -> None:
     assert ends[1:] == ["the goal is cancelled", ("second", 602)] and served.following is None
 
 
+@pytest.mark.parametrize(("result", "code"), [(SimpleNamespace(NO_VIAPOINTS_GIVEN=309), 309), (SimpleNamespace(), 308)])
+def test_a_tour_of_nothing_has_nav2s_code(made, result, code: int) -> None:
+    """The newer messages of Nav2 have a code for it."""
+    node, ends = made(), []
+    kind = Kind(SimpleNamespace(Result=result), lambda goal: goal, lambda **fields: fields, None)
+    served = sys.modules["antway.ros2.actions"].Served(node, {"compute_tour": kind})
+    node.heard_on["map"](convert.grid_message(ROOM))
+    handle = SimpleNamespace(request=SimpleNamespace(goals=[], use_start=False), is_cancel_requested=False, abort=print)
+    handle.execute = lambda end: ends.append(end(handle))
+    served._compute_tour(handle)
+    assert ends[0]["error_code"] == code and "at least one" in ends[0]["error_msg"]
+
+
 class Buffer:
     """A buffer of tf2_ros: it tells the latest of what it was told, and drops what is over 10 s older than that."""
 

@@ -10,11 +10,14 @@ import numpy as np
 
 from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
-from antway.planning import Problem, solve
+from antway.kernels.base.jit import call
+from antway.kernels.tracking import kalman
+from antway.planning import PLANNERS, Problem, solve
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
 from antway.ros2.scan import Tracker, nameless
 from antway.ros2.settings import Settings
+from antway.tours.plan import plan_tour
 from antway.world.episode import run
 from antway.world.motions import Bounce
 from antway.world.policy import Command, Observation, RobotSpec, Tracks
@@ -23,9 +26,16 @@ from antway.world.world import Obstacle, World
 
 
 def compile_for(settings: Settings) -> None:
-    """Compile the kernels that plan and drive with these settings."""
-    solve(Problem(Grid(np.zeros((8, 8), bool)), (0, 0), (7, 7)), settings.planner, time_limit=1.0)
-    Tracker().update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))
+    """Compile the kernels that plan and drive with these settings: all planners, because compute_path_to_pose names one."""
+    place = Grid(np.zeros((8, 8), bool))
+    for planner in PLANNERS:
+        solve(Problem(place, (0, 0), (7, 7)), planner, time_limit=0.1)
+    for corners in (3, 16):  # which are solved by different methods
+        stops = [(0.5 + 7.0 * math.cos(i) ** 2, 0.5 + 7.0 * math.sin(i) ** 2) for i in range(corners)]
+        plan_tour(place, (4.0, 4.0), stops, seconds=0.05)
+    tracker = Tracker()
+    tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))
+    call(kalman.raise_variances, *tracker.table[:2], np.zeros(2), np.zeros(2))  # when a tracker turns out to be wrong
     robot, mode = settings.robot, settings.policy["mode"]
     _drive(robot, AntwayPolicy, mode)
     if robot.dynamics == "ramps":  # many a robot has more inertia and latency than was declared, and measures no speeds

@@ -24,7 +24,7 @@ from antway.ros2 import frames
 from antway.ros2.frames import Odometry, Pose
 from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
 from antway.ros2.markers import predictions, shades
-from antway.ros2.path import corridor, keeps_near
+from antway.ros2.path import corridor, keeps_near, length_after
 from antway.ros2.settings import Settings
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.robots import towards
@@ -32,6 +32,7 @@ from antway.world.robots import towards
 ODOMETRY, OBSTACLES = "odometry", "obstacles"
 GUARD_ENDED = "the guard's process has ended: deactivate, clean up, configure and activate the node, which starts another one"
 LATE = 2.0  # control periods; a robot brakes if odometry has not answered its last command for longer than this
+_LOOP = 5.0  # tolerances at the goal; a path that is longer than this, and ends where the robot is, is a loop
 SLOW = 1.5  # control periods; a robot stands if odometry comes, at the median, more slowly than this
 
 
@@ -242,7 +243,11 @@ class Pilot:
     def _decide(self, goal: Goal, odometry: Odometry) -> Answer:
         """Return the command of a control period, or why the robot stands."""
         settings, t, xy = self.settings, odometry.t, odometry.xy
-        if math.dist(goal.xy, xy) <= settings.task["goal_tolerance"]:
+        tolerance = settings.task["goal_tolerance"]
+        if math.dist(goal.xy, xy) <= tolerance:
+            if self.policy is None and goal.path is not None and length_after(goal.path, xy, tolerance) > _LOOP * tolerance:
+                reason = "the path is refused: it ends where the robot is, and loops are not driven"
+                return self.drop(reason, End.REFUSED, ERROR)
             off = math.nan
             if settings.robot.wheels and settings.robot.turning_radius == 0.0:
                 off = wrap(goal.yaw - odometry.heading)
