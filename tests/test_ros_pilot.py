@@ -717,9 +717,11 @@ def test_what_drives_the_robot_is_compiled_before(monkeypatch) -> None:
     monkeypatch.setattr(compiling, "run", lambda scenario, policy: played.append((scenario, policy)))
     usual = settings(**{"robot.drive": "differential", "robot.radius": 0.31, "policy.mode": "strict"})
     loaded = []
+    compiling._plan.cache_clear()
     monkeypatch.setattr(compiling, "call", lambda kernel, *details: loaded.append(kernel))
     monkeypatch.setattr(compiling, "solve", lambda problem, planner, **limits: loaded.append(planner))
-    monkeypatch.setattr(compiling, "plan_tour", lambda grid, start, stops, **limits: loaded.append(len(stops)))
+    tour = compiling.plan_tour
+    monkeypatch.setattr(compiling, "plan_tour", lambda *details, **limits: loaded.append(len(tour(*details, **limits).order)))
     compiling.compile_for(usual)
     assert {*PLANNERS, kalman.raise_variances, 3, 16} <= set(loaded), "what is asked for on the way"
     (first, _), (second, unmeasured) = played

@@ -26,16 +26,8 @@ from antway.world.world import Obstacle, World
 
 
 def compile_for(settings: Settings) -> None:
-    """Compile the kernels that plan and drive with these settings: all planners, because compute_path_to_pose names one."""
-    place = Grid(np.zeros((8, 8), bool))
-    for planner in PLANNERS:
-        solve(Problem(place, (0, 0), (7, 7)), planner, time_limit=0.1)
-    for corners in (3, 16):  # which are solved by different methods
-        stops = [(0.5 + 7.0 * math.cos(i) ** 2, 0.5 + 7.0 * math.sin(i) ** 2) for i in range(corners)]
-        plan_tour(place, (4.0, 4.0), stops, seconds=0.05)
-    tracker = Tracker()
-    tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))
-    call(kalman.raise_variances, *tracker.table[:2], np.zeros(2), np.zeros(2))  # when a tracker turns out to be wrong
+    """Compile the kernels that plan and drive with these settings."""
+    _plan()
     robot, mode = settings.robot, settings.policy["mode"]
     _drive(robot, AntwayPolicy, mode)
     if robot.dynamics == "ramps":  # many a robot has more inertia and latency than was declared, and measures no speeds
@@ -48,6 +40,19 @@ class _Unmeasured(AntwayPolicy):
 
     def act(self, observation: Observation) -> Command:
         return super().act(replace(observation, velocity=(0.0, 0.0), turn_rate=0.0))
+
+
+@cache
+def _plan() -> None:
+    """Plan by every planner, because compute_path_to_pose names one, and two tours; and follow tracks from laser scans."""
+    place = Grid(np.zeros((8, 8), bool))
+    for planner in PLANNERS:
+        solve(Problem(place, (0, 0), (7, 7)), planner, time_limit=0.1)
+    for stops in (3, 16):  # which different methods put in order
+        plan_tour(place, (1.5, 1.5), [(0.5 + 2.0 * (i % 4), 0.5 + 2.0 * (i // 4)) for i in range(stops)], seconds=0.05)
+    tracker = Tracker()
+    tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))
+    call(kalman.raise_variances, *tracker.table[:2], np.zeros(2), np.zeros(2))  # when a sensor turns out to be wrong
 
 
 @cache
