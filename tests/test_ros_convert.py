@@ -170,6 +170,16 @@ def test_places_and_times_beyond_limits_are_refused() -> None:
         convert.read_odometry(convert.plain("", header=header, pose=pose, twist=twist))
 
 
+def test_a_tilt_is_told_by_its_angle() -> None:
+    """The quaternion of a robot that lies on its side is sound: what is wrong is the tilt."""
+    zero = convert.plain("", linear=convert.plain("", x=0.0, y=0.0), angular=convert.plain("", z=0.0))
+    pose = convert.pose_message(1.0, 2.0, 0.0)
+    pose.orientation = convert.plain("", x=math.sin(0.25), y=0.0, z=0.0, w=math.cos(0.25))
+    pose, twist = convert.plain("", pose=pose), convert.plain("", twist=zero)
+    with pytest.raises(BadParameter, match=r"tilt = 0\.5: must be .* <= 0\.35 \(rad\)"):
+        convert.read_odometry(convert.plain("", header=convert.header_message(1.0, "map"), pose=pose, twist=twist))
+
+
 def test_the_last_second_of_stamps_is_one() -> None:
     """A stamp of any time that a message can hold can be answered."""
     last = convert.plain("", sec=2**31 - 1, nanosec=850_000_000)
@@ -262,7 +272,7 @@ def test_a_robot_on_a_ramp_has_the_heading_that_is_seen_from_above(yaw: float) -
         found = convert.read_odometry(turned(tilt))
         assert found.heading == pytest.approx(yaw, abs=1e-9) and math.hypot(*found.velocity) == pytest.approx(0.5)
     for wrong in (turned(0.5), turned(0.0, 0.99), turned(0.1, 0.99), turned(0.1, 0.9), turned(0.1, 1.1), turned(math.nan)):
-        with pytest.raises(BadParameter, match="orientation"):
+        with pytest.raises(BadParameter, match="orientation|tilt = 0.5"):
             convert.read_odometry(wrong)
 
 

@@ -68,8 +68,8 @@ def pose_message(x: float, y: float, yaw: float, make: Make = plain) -> Any:
 
 
 def read_pose(pose: Any, *, where: str = "pose") -> tuple[float, float, float]:
-    """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuse a pose that is not finite or is tilted."""
-    x, y = (checks.number(f"position.{n}", getattr(pose.position, n), where=where) for n in "xy")
+    """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuse one that is not finite, beyond limits, or tilted."""
+    x, y = _place(pose.position, where)
     q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), where=where) for n in "xyzw"]
     if abs(math.hypot(q[2], q[3]) - 1.0) > _TILT:
         raise BadParameter("orientation", tuple(q), "a unit quaternion of a turn about z", where=where)
@@ -263,8 +263,7 @@ def read_path(message: Any) -> NDArray[np.float64]:
     q = np.array([(q.x, q.y, q.z, q.w) for q in turns], np.float64).reshape(-1, 4)
     sound = (abs(xy) <= MAX_PLACE).all(axis=1) & np.isfinite(q).all(axis=1) & (abs(np.hypot(q[:, 2], q[:, 3]) - 1.0) <= _TILT)
     for i in np.flatnonzero(~sound).tolist():
-        _place(places[i], f"Path.poses[{i}]")  # which, as the next, says what is wrong
-        read_pose(message.poses[i].pose, where=f"Path.poses[{i}]")
+        read_pose(message.poses[i].pose, where=f"Path.poses[{i}]")  # says what is wrong
     return xy
 
 
@@ -308,7 +307,9 @@ def read_odometry(message: Any) -> Odometry:
     """
     pose, where = message.pose.pose, "Odometry.pose"
     (x, y), q = _place(pose.position, where), pose.orientation
-    if abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) <= _TILT and math.hypot(q.z, q.w) >= math.cos(_RAMP / 2.0):
+    if abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) <= _TILT:
+        tilt = 2.0 * math.acos(min(math.hypot(q.z, q.w), 1.0))
+        checks.number("tilt", tilt, high=_RAMP, unit="rad", where=where)
         heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
     else:
         _, _, heading = read_pose(pose, where=where)  # which says what is wrong
