@@ -149,13 +149,13 @@ class GuardProcess:
         return self.number
 
     def answer(self, number: int) -> Answer:
-        """Return the answer, at the latest one control period from now; if the guard is silent, it is a stop."""
+        """Return the answer, at the latest one control period from now; if the guard is silent or has ended, it is a stop."""
         until = time.monotonic() + self.task.robot.dt
         while True:
             found = self.link.replied(number)
             if found is not None:
                 return found
-            if time.monotonic() >= until:
+            if time.monotonic() >= until or not self.alive:
                 return Answer(number, standing(self.task), SILENT)
             self.link.wait(until)
 
