@@ -272,7 +272,7 @@ def test_a_robot_on_a_ramp_has_the_heading_that_is_seen_from_above(yaw: float) -
         found = convert.read_odometry(turned(tilt))
         assert found.heading == pytest.approx(yaw, abs=1e-9) and math.hypot(*found.velocity) == pytest.approx(0.5)
     for wrong in (turned(0.5), turned(0.0, 0.99), turned(0.1, 0.99), turned(0.1, 0.9), turned(0.1, 1.1), turned(math.nan)):
-        with pytest.raises(BadParameter, match="orientation|tilt = 0.5"):
+        with pytest.raises(BadParameter, match=r"orientation|tilt = 0\.5"):
             convert.read_odometry(wrong)
 
 
