@@ -39,7 +39,7 @@ class LifecycleNode:
     def __init__(self, name: str) -> None:
         self.name, self.said = name, list[tuple[str, str]]()
         self.told, self.published, self.heard_on = dict[str, Any](), dict[str, Publisher](), dict[str, Any]()
-        self.executor = None
+        self.executor, self.time, self.simulated, self.drivers = None, 0.0, False, 1
         self._parameter_overrides = {key: SimpleNamespace(value=value) for key, value in self.overrides.items()}
 
     def declare_parameter(self, name: str, default: Any, about: Any) -> Any:
@@ -81,7 +81,11 @@ class LifecycleNode:
         return SimpleNamespace(**{level: sayer(level) for level in ("info", "warning", "error")})
 
     def get_clock(self) -> Any:
-        return SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: TIME))
+        now = SimpleNamespace(to_msg=lambda: TIME, nanoseconds=round(self.time * 1e9))
+        return SimpleNamespace(now=lambda: now, ros_time_is_active=self.simulated)
+
+    def count_publishers(self, topic: str) -> int:
+        return self.drivers
 
     def resolve_topic_name(self, name: str) -> str:
         return f"/one/{name}"

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -126,8 +127,10 @@ def test_a_guard_that_is_gone_means_stop() -> None:
     with GuardProcess(TASK) as process:
         process.process.kill()
         process.process.wait()
-        answer = process.answer(process.observe(seen(0.0)))
-        assert answer.did == "silent" and answer.command == Command((0.0, 0.0))
+        started = time.monotonic()
+        answers = [process.answer(process.observe(seen(PERIOD * k))) for k in range(100)]
+        assert {answer.did for answer in answers} == {"silent"} and answers[0].command == Command((0.0, 0.0))
+        assert time.monotonic() - started < 20 * PERIOD, "nobody waits for it"
         folder = process.folder
     assert not os.path.exists(folder)
 
@@ -164,6 +167,12 @@ def told(path: str):
             file.write(json.dumps([time.monotonic(), seen.t, *(command.twist or command.velocity)]) + "\n")
 
     return drive
+
+
+def slowly_told(path: str):
+    """A driver of motors like `told`, which takes a while."""
+    drive = told(path)
+    return lambda command, seen: (time.sleep(PERIOD / 3), drive(command, seen))
 
 
 @pytest.mark.parametrize("drive", ["holonomic", "inertia"])
@@ -204,6 +213,47 @@ def test_a_guard_rests_when_it_is_told_to(process: GuardProcess) -> None:
     time.sleep(3 * PERIOD)
     assert process.link.views["answer"][6] == before
     assert process.limit(process.observe(seen(1.0)), Command((0.5, 0.0))).did == "free"
+
+
+def test_a_guard_that_hung_leaves_the_robot_standing(tmp_path: Path) -> None:
+    """What it still emits when it goes on, after it was told to rest, is followed by the command to stand.
+
+    The robot side tells the robot to stand in the meantime, and then says nothing more: a late command would drive on for ever.
+    """
+    told_to = tmp_path / "told"
+    with GuardProcess(TASK, slack=0.1, emit=partial(told, str(told_to))) as process:
+        number = process.observe(seen(0.0, velocity=(1.0, 0.0)))
+        assert process.limit(number, Command((1.0, 0.0))).did == "free"
+        os.kill(process.process.pid, signal.SIGSTOP)
+        process.link.ask(number + 1, Command((1.0, 0.0)))
+        number = process.observe(seen(PERIOD, velocity=(1.0, 0.0)))
+        assert process.answer(number).did == "silent"
+        process.link.views["rest"][0] = number
+        process.link.ring("guard")
+        os.kill(process.process.pid, signal.SIGCONT)
+        until, speeds = time.monotonic() + 30.0, [1.0]
+        while speeds[-1] != 0.0 and time.monotonic() < until:
+            time.sleep(0.01)
+            speeds = [json.loads(line)[2] for line in told_to.read_text().splitlines() if line.endswith("]")]
+        assert speeds == [1.0, 1.0, 0.0]
+
+
+def test_a_command_is_sent_before_it_is_told(tmp_path: Path) -> None:
+    """Who learns of an answer may tell the robot to stand: that may not come before the command that it ends."""
+    told_to = tmp_path / "told"
+    with GuardProcess(TASK, emit=partial(slowly_told, str(told_to))) as process:
+        number = process.observe(seen(0.0, velocity=(1.0, 0.0)))
+        assert process.limit(number, Command((1.0, 0.0))).did == "free"
+        assert told_to.exists()
+
+
+def test_a_guard_is_closed_twice() -> None:
+    """As by a node that fails while it is taken down, and is taken down again."""
+    process = GuardProcess(TASK)
+    process.close()
+    process.close()
+    with pytest.raises(BadInput, match=r"the guard's process = 'ended': must be running; start another one"):
+        process.reset(TASK)
 
 
 @pytest.mark.parametrize(

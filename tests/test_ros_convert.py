@@ -139,6 +139,47 @@ def test_tracks_come_back_as_they_were():
         np.testing.assert_allclose(back.velocity, tracks.velocity, rtol=0, atol=1e-14)
 
 
+def test_the_time_of_a_scene_is_that_of_its_oldest_disc() -> None:
+    """Detections that are sent again and again under a new delete-all grow old; without discs delete-all tells the time."""
+    tracks = Tracks(np.arange(2), np.array([[1.0, 2.0], [3.0, 4.0]]), np.full((2, 2), math.nan), np.full(2, 0.3))
+    message = convert.markers_message(tracks, 20.0)
+    message.markers[1].header = convert.header_message(10.0, "map")
+    assert convert.read_markers(message)[0] == 10.0
+    assert convert.read_markers(convert.markers_message(Tracks.none(), 20.0))[0] == 20.0
+
+
+def test_only_what_is_used_of_markers_has_a_place() -> None:
+    """A text in the robot's frame is ignored, as texts are; it used to make the robot stand."""
+    tracks = Tracks(np.array([3]), np.array([[1.0, 2.0]]), np.array([[0.5, 0.0]]), np.array([0.3]))
+    message = convert.markers_message(tracks, 1.0)
+    for kind in (convert.TEXT, convert.LINE_STRIP, convert.LINE_LIST):
+        header = convert.header_message(1.0, "base_link")
+        message.markers.append(convert.marker_message(7, kind, header, convert.plain, space="words", text="a person"))
+    assert {header.frame_id for header in convert.placed_headers(message)} == {"map"}
+    assert len(convert.read_markers(message)[1]) == 1
+
+
+def test_places_and_times_beyond_limits_are_refused() -> None:
+    """A path to 1e300 m, and odometry of a time before 1970, of which no picture can be sent."""
+    with pytest.raises(BadParameter, match=r"Path.poses\[1\]: position.x"):
+        convert.read_path(convert.path_message([(0.0, 0.5), (1e300, 0.5)]))
+    zero = convert.plain("", linear=convert.plain("", x=0.0, y=0.0), angular=convert.plain("", z=0.0))
+    header = convert.plain("", stamp=convert.plain("", sec=-5, nanosec=0), frame_id="map")
+    pose, twist = convert.plain("", pose=convert.pose_message(1.0, 2.0, 0.0)), convert.plain("", twist=zero)
+    with pytest.raises(BadParameter, match=r"Odometry: header.stamp = -5"):
+        convert.read_odometry(convert.plain("", header=header, pose=pose, twist=twist))
+
+
+def test_a_tilt_is_told_by_its_angle() -> None:
+    """The quaternion of a robot that lies on its side is sound: what is wrong is the tilt."""
+    zero = convert.plain("", linear=convert.plain("", x=0.0, y=0.0), angular=convert.plain("", z=0.0))
+    pose = convert.pose_message(1.0, 2.0, 0.0)
+    pose.orientation = convert.plain("", x=math.sin(0.25), y=0.0, z=0.0, w=math.cos(0.25))
+    pose, twist = convert.plain("", pose=pose), convert.plain("", twist=zero)
+    with pytest.raises(BadParameter, match=r"tilt = 0\.5: must be .* <= 0\.35 \(rad\)"):
+        convert.read_odometry(convert.plain("", header=convert.header_message(1.0, "map"), pose=pose, twist=twist))
+
+
 def test_the_last_second_of_stamps_is_one() -> None:
     """A stamp of any time that a message can hold can be answered."""
     last = convert.plain("", sec=2**31 - 1, nanosec=850_000_000)
@@ -231,7 +272,7 @@ def test_a_robot_on_a_ramp_has_the_heading_that_is_seen_from_above(yaw: float) -
         found = convert.read_odometry(turned(tilt))
         assert found.heading == pytest.approx(yaw, abs=1e-9) and math.hypot(*found.velocity) == pytest.approx(0.5)
     for wrong in (turned(0.5), turned(0.0, 0.99), turned(0.1, 0.99), turned(0.1, 0.9), turned(0.1, 1.1), turned(math.nan)):
-        with pytest.raises(BadParameter, match="orientation"):
+        with pytest.raises(BadParameter, match=r"orientation|tilt = 0\.5"):
             convert.read_odometry(wrong)
 
 

@@ -192,6 +192,14 @@ def test_killed_and_started_again():
     assert result["outcome"] == "reached" and result["clearance"] > 0.0 and len(result["killed"]) == 1
 
 
+@pytest.mark.parametrize("name", ["SIGHUP", "SIGTERM"])
+def test_a_node_that_is_ended_stops_the_robot_and_answers(name):
+    """A terminal that closes used to leave the robot driving; who asked for the drive is told that it has ended."""
+    command = [BIN / "python", HERE / "ros" / "stand_in.py", *arguments({"autostart": True, "robot.drive": "holonomic"})]
+    result = script("hangup.py", name, *command)
+    assert result == {"drove": True, "result": ["aborted", 100, 0], "status": 0}
+
+
 @pytest.mark.parametrize("drive", ["holonomic", "differential"])
 def test_the_guards_process_brakes_for_a_node_that_is_stopped_or_killed(drive):
     """The first braking command comes within one period of the odometry that the node leaves unanswered; then it stands.

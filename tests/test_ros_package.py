@@ -83,7 +83,9 @@ def test_layouts_show_topics_that_the_node_has() -> None:
     view = foxglove["configById"]["3D!antway"]
     assert set(shown) | set(view["topics"]) | {view["publish"]["poseTopic"]} <= TOPICS
     assert "/goal_pose" in shown and {"/plan", "/decisions"} <= set(shown)
-    assert set(yaml.safe_load((ROS / "compose.yaml").read_text(encoding="utf-8"))["services"]) == {"nav2", "antway"}
+    services = yaml.safe_load((ROS / "compose.yaml").read_text(encoding="utf-8"))["services"]
+    assert set(services) == {"nav2", "antway"} and all(one["ipc"] == "host" for one in services.values())
+    assert "..:/checkout:ro" in services["antway"]["volumes"] and "packages /checkout" in services["antway"]["command"]
 
 
 def test_descriptions_say_what_a_parameter_does() -> None:

@@ -16,13 +16,14 @@ import pytest
 
 from antway import Command, Decision, Grid, Moves, Observation, Outcome, Scenario, World, run
 from antway.errors import BadInput, BadParameter
-from antway.planning import Problem, solve
+from antway.kernels.tracking import kalman
+from antway.planning import PLANNERS, Problem, solve
 from antway.policies.antway import beside
 from antway.policies.guard_process import GuardProcess
 from antway.ros2 import compile as compiling
 from antway.ros2 import convert, nav2, tours
 from antway.ros2.frames import Odometry
-from antway.ros2.goals import ERROR, OK, STAND, Answer, End, Goal
+from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
 from antway.ros2.markers import decision_message, predictions, predictions_message
 from antway.ros2.path import corridor, keeps_near, tracking
 from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
@@ -301,7 +302,65 @@ def test_it_stops_within_the_guards_time():
         answer = drive.step(None)
         assert answer.drives == (drive.t - seen <= 0.5 + 1e-9), drive.t - seen
     assert "silent" in answer.reason and drive.step().drives
-    assert drive.pilot.silent(0.4) is None and "no odometry" in drive.pilot.silent(0.6).reason
+    assert drive.pilot.silent(0.4, 0.1) is None and "no odometry" in drive.pilot.silent(0.6, 0.1).reason
+
+
+INERTIA = {"robot.drive": "differential", "robot.a_max": 1.0, "robot.alpha_max": 3.0}
+
+
+def test_it_brakes_after_two_periods_without_odometry() -> None:
+    """A command is certified for one period: by the second one the guard's stop begins, one command in each, looked at often.
+
+    Odometry that is back is answered by driving on. It used to drive on until `timeout`, at any speed, into walls.
+    """
+    drive = ready(**INERTIA)
+    drive.pilot.guard.dynamic.keep[:2] = 0.5, 2.0  # the stop turns by 0.5 rad/s for two periods
+    for held in (0.05, 0.15, 0.2):
+        assert drive.pilot.silent(held, held) is None
+    answers = {round(held, 3): drive.pilot.silent(held, held) for held in np.arange(0.225, 0.49, 0.025).tolist()}
+    braked = {held: answer for held, answer in answers.items() if answer is not None}
+    assert list(braked) == [0.225, 0.325, 0.425] and {answer.level for answer in braked.values()} == {WARN}
+    assert [answer.command.twist for answer in braked.values()] == [(0.0, 0.5), (0.0, 0.5), None]
+    assert "no odometry" in braked[0.225].reason
+    assert drive.step().level == OK and drive.pilot.silent(0.1, 0.1) is None
+    still = ready(**INERTIA)
+    still.pilot.drop("on request")
+    still.step()
+    assert still.pilot.silent(0.4, 0.4) is None, "there is nothing to stop"
+
+
+def test_a_slow_simulation_is_not_silent() -> None:
+    """Where the clock of the simulation is slow, `held` is by that clock, and the time-out by a steady one."""
+    drive = ready(**INERTIA)
+    assert [drive.pilot.silent(seconds, 0.1) for seconds in (0.1, 0.3, 0.5)] == [None] * 3
+    assert drive.pilot.silent(0.51, 0.1).level == ERROR and drive.pilot.silent(0.55, 0.1) is None
+
+
+@pytest.mark.parametrize(
+    ("rate", "jitter", "drives"),
+    [(10.0, 0.03, True), (20.0, 0.02, True), (8.0, 0.03, True), (9.9, 0.03, True), (6.0, 0.0, False), (5.0, 0.02, False)],
+)
+def test_odometry_that_is_too_slow_is_not_driven_on(rate: float, jitter: float, drives: bool) -> None:
+    """Commands would act for longer than they are certified for; usual jitter and rates that are a little low do not matter."""
+    rng, drive, answers = np.random.default_rng(9), ready(), []
+    times = 0.2 + np.arange(40) / rate + rng.uniform(-jitter, jitter, 40)
+    drive.t, last = float(times[0]), float(times[0])
+    for before, drive.t in pairwise(times.tolist()):
+        if drives:
+            answers += [drive.pilot.silent(t - before, t - last) for t in np.arange(before, drive.t, 0.025).tolist()]
+        answers.append(drive.step(dt=0.0, passed=drive.t - before))
+        last = last if answers[-1] is None else drive.t
+    answers = list(filter(None, answers))
+    assert len(answers) >= 19
+    assert all(answer.drives for answer in answers[5:]) if drives else not any(answer.drives for answer in answers[5:])
+    if drives:
+        assert {answer.level for answer in answers} == {OK}, "it does not stutter"
+    else:
+        assert answers[-1].level == ERROR and "odometry comes each" in answers[-1].reason
+        drive.t += 0.1
+        for _ in range(11):
+            answer = drive.step()
+        assert answer.drives, "odometry is fast again"
 
 
 def test_jumps_of_the_clock_stop_it_once():
@@ -471,7 +530,7 @@ def test_only_goals_that_give_up_end_by_waiting_or_without_progress():
             ends += [one.end for one in answers if one is not None and one.end]
         assert ends == ([End.WAITED, End.STUCK] if gives_up else [])
     drive = ready(Goal((10.0, 2.0), gives_up=True), wait_timeout=1.0)
-    assert drive.pilot.silent(0.8).end is None and drive.pilot.silent(1.2).end is End.WAITED
+    assert drive.pilot.silent(0.8, 0.8).end is None and drive.pilot.silent(1.2, 1.2).end is End.WAITED
 
 
 def test_what_the_robot_was_told_before_it_stood_acts_no_more() -> None:
@@ -489,8 +548,8 @@ def test_what_the_robot_was_told_before_it_stood_acts_no_more() -> None:
     drive = ready(**slow)
     for _ in range(10):
         drive.step()
-    for _ in range(5):
-        drive.pilot.silent(1.0)
+    for k in range(5):
+        drive.pilot.silent(1.0 + 0.1 * k, 1.0 + 0.1 * k)
     assert not drive.pilot.sent.any()
 
 
@@ -528,9 +587,9 @@ def test_why_sensors_are_refused_is_told_once_that_matters() -> None:
     drive.pilot.faults = {what: (time.monotonic() + 99.0, why) for what, why in faults.items()}
     answers = [drive.step(None) for _ in range(8)]
     assert answers[0].drives and (answers[-1].level, answers[-1].reason) == (ERROR, "obstacles refused: so")
-    assert drive.pilot.silent(9.0).reason == "odometry refused: so"
+    assert drive.pilot.silent(9.0, 9.0).reason == "odometry refused: so"
     drive.pilot.faults = {what: (time.monotonic() - 0.6, why) for what, why in faults.items()}
-    assert "silent" in drive.step(None).reason and "no odometry" in drive.pilot.silent(9.0).reason
+    assert "silent" in drive.step(None).reason and "no odometry" in drive.pilot.silent(9.1, 9.1).reason
 
 
 def test_paths_that_lead_to_the_moon_are_refused() -> None:
@@ -541,6 +600,17 @@ def test_paths_that_lead_to_the_moon_are_refused() -> None:
     drive.pilot.go(Goal((10.0, 2.0), path, gives_up=True))
     answers = [drive.step() for _ in range(12)]
     assert "path" in answers[0].reason and answers[-1].end is End.WAITED
+
+
+def test_a_path_that_leads_back_is_no_success() -> None:
+    """A loop ends where the robot is: it was called driven before the robot had moved. The short rest of a path is driven."""
+    loop, there = np.array([[2.0, 2.0], [6.0, 2.0], [6.0, 5.0], [2.1, 2.0]]), np.array([[2.0, 2.0], [6.0, 2.0], [2.0, 2.0]])
+    for path, end in ((loop, End.REFUSED), (there, End.REFUSED), (loop[:1], End.ARRIVED), (loop[[0, 3]], End.ARRIVED)):
+        drive = Drive()
+        drive.pilot.receive_map(ROOM)
+        drive.pilot.go(Goal(tuple(path[-1].tolist()), path, gives_up=True))
+        answer = drive.step()
+        assert answer.end is end and answer.command is STAND, answer
 
 
 # Tours
@@ -646,7 +716,14 @@ def test_what_drives_the_robot_is_compiled_before(monkeypatch) -> None:
     played = []
     monkeypatch.setattr(compiling, "run", lambda scenario, policy: played.append((scenario, policy)))
     usual = settings(**{"robot.drive": "differential", "robot.radius": 0.31, "policy.mode": "strict"})
+    loaded = []
+    compiling._plan.cache_clear()
+    monkeypatch.setattr(compiling, "call", lambda kernel, *details: loaded.append(kernel))
+    monkeypatch.setattr(compiling, "solve", lambda problem, planner, **limits: loaded.append(planner))
+    tour = compiling.plan_tour
+    monkeypatch.setattr(compiling, "plan_tour", lambda *details, **limits: loaded.append(len(tour(*details, **limits).order)))
     compiling.compile_for(usual)
+    assert {*PLANNERS, kalman.raise_variances, 3, 16} <= set(loaded), "what is asked for on the way"
     (first, _), (second, unmeasured) = played
     assert first.robot == usual.robot and len(first.world.obstacles) == 4
     assert second.robot == replace(usual.robot, a_max=1.0, latency=0.1)
@@ -849,9 +926,9 @@ def test_a_stop_that_turns_is_driven_to_its_end(monkeypatch) -> None:
         if way == "the node ends":
             answers = list(pilot.braking())
         elif way == "silent":
-            assert pilot.silent(0.1) is None
-            answers = [pilot.silent(0.2 + 0.1 * k) for k in range(3)]
-            assert pilot.silent(0.5) is None
+            assert pilot.silent(0.1, 0.1) is None
+            answers = [pilot.silent(0.2 + 0.1 * k, 0.2 + 0.1 * k) for k in range(3)]
+            assert pilot.silent(0.5, 0.5) is None
         else:
             answers = [drive.step() for _ in range(3)]
         assert [one.command.twist for one in answers[:2]] == [(0.0, 0.5)] * 2 and answers[2].command is STAND
@@ -885,7 +962,7 @@ def test_the_guards_process_sends_what_the_pilot_says():
                 number = guarded.number
                 assert number > 0 and guard.link.replied(number).command == answers[0].command
             xy = tuple(a + 0.1 * v for a, v in zip(xy, answers[1].command.velocity, strict=True))
-        assert guarded.silent(1.0).command is STAND and guarded.number == 0
+        assert guarded.silent(1.0, 1.0).command is STAND and guarded.number == 0
         time.sleep(0.3)
         assert guard.link.replied(number).did == "free", "it rests, and brakes no more"
         guard.process.kill()
@@ -894,7 +971,7 @@ def test_the_guards_process_sends_what_the_pilot_says():
             t += 0.1
             guarded.scan = (t, NOBODY)
             answer = guarded.receive_odometry(Odometry(t, xy, (0.0, 0.0), 0.0), t)
-            assert not answer.drives and "guard's process" in answer.reason
+            assert not answer.drives and answer.reason.startswith("the guard's process has ended: deactivate, clean up")
             guarded.policy = None  # and it cannot set out either
         wheels = Pilot(settings(**{"robot.drive": "differential", "yaw_tolerance": 0.1}), guard)
         wheels.receive_map(ROOM)
@@ -902,4 +979,4 @@ def test_the_guards_process_sends_what_the_pilot_says():
         for k in range(2):
             wheels.scan = (t + 0.1 * k, NOBODY)
             answer = wheels.receive_odometry(Odometry(t + 0.1 * k, (9.0, 6.0), (0.0, 0.0), 0.0), t)
-            assert not answer.drives and "cannot turn" in answer.reason
+            assert not answer.drives and "guard's process has ended" in answer.reason

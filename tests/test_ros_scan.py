@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -14,7 +15,7 @@ from antway.errors import BadParameter
 from antway.ros2 import frames
 from antway.ros2.goals import Goal
 from antway.ros2.pilot import Pilot
-from antway.ros2.scan import Laser, Tracker, discs, newest_reached, off_the_map, read_points, without_ids
+from antway.ros2.scan import Laser, Tracker, Walls, discs, newest_reached, read_points, without_ids
 from antway.ros2.settings import Settings, defaults
 from antway.scenes import scene
 from antway.world.policy import Command, Decision, Observation, Tracks
@@ -82,7 +83,7 @@ def test_discs_in_a_scan_are_found():
         pose = (*grid.to_xy(rng.uniform(3, 36, (1, 2)))[0], rng.uniform(-3, 3))
         places, radii = grid.to_xy(rng.uniform(3, 36, (3, 2))), rng.uniform(0.2, 0.5, 3)
         ranges = measured(grid, places, radii, pose, 480, 6.0)
-        xy, radius = discs(off_the_map(frames.move(pose, read_points(scan_of(ranges))[0]), grid, 0.05), gap=0.3, largest=0.8)
+        xy, radius = discs(Walls(grid, 0.05).off(frames.move(pose, read_points(scan_of(ranges))[0])), gap=0.3, largest=0.8)
         for place, size in zip(xy, radius):  # whatever is found belongs to a disc, never to a wall
             assert (np.hypot(*(places - place).T) < radii + size + 0.05).any()
         empty = measured(grid, np.empty((0, 2)), np.empty(0), pose, 480, 6.0)
@@ -118,6 +119,26 @@ def test_what_is_no_arc_is_held_by_its_discs():
     assert discs(boards, gap=0.3, largest=0.8)[0][:, 0] == pytest.approx([0.05, 5.05]), "in the order of beams"
 
 
+def test_points_of_the_map_are_those_near_its_walls() -> None:
+    """Every cell of the square around a point is looked at, on any map; one look at a large map takes no time for each beam."""
+    rng = np.random.default_rng(12)
+    for _ in range(cases(60, 5000)):
+        grid = Grid(rng.random((30, 20)) < 0.05, rng.uniform(0.05, 0.5), (3.0, -2.0, rng.uniform(-3, 3)))
+        clear, points = rng.uniform(0.01, 1.0), grid.to_xy(rng.uniform(-2, (31, 21), (200, 2)))
+        free = []
+        for y, x in grid.to_points(points) + 0.5:
+            near = clear / grid.resolution
+            rows, cols = (
+                range(math.floor(y - near), math.floor(y + near) + 1),
+                range(math.floor(x - near), math.floor(x + near) + 1),
+            )
+            free.append(all(grid.is_free((row, col)) for row in rows for col in cols))
+        np.testing.assert_array_equal(Walls(grid, clear).off(points), points[free])
+    walls, many = Walls(Grid(np.zeros((2000, 2000), bool), 0.01), 1.0), rng.uniform(2.0, 18.0, (1080, 2))
+    started = time.perf_counter()
+    assert len(walls.off(many)) == 1080 and time.perf_counter() - started < 0.1
+
+
 def test_each_beam_is_placed_by_where_the_robot_was() -> None:
     """While the robot turns and drives, a sweep of 0.1 s smears no wall of the map, and finds the disc; nonsense is ignored."""
     blocked = np.zeros((60, 60), bool)
@@ -136,7 +157,7 @@ def test_each_beam_is_placed_by_where_the_robot_was() -> None:
     for increment, found in ((0.1 / 360, 1), (math.nan, 0), (0.1, 0), (-0.001, 0)):
         laser.receive(0.0, scan_of(one, range_max=12.0, time_increment=increment))
         scan = newest_reached(laser.waiting, 0.2)
-        points = off_the_map(laser.placed(scan, frames.HERE, False, 0.2), grid, 0.15)
+        points = Walls(grid, 0.15).off(laser.placed(scan, frames.HERE, False, 0.2))
         if found:
             assert laser.middle(scan) == pytest.approx(0.05, abs=1e-3)
             np.testing.assert_allclose(discs(points, gap=0.3, largest=0.8)[0], places, atol=0.03)
@@ -273,7 +294,7 @@ class Seeing:
         pose = frames.chain(self.world, (*o.xy, o.heading))
         truth = frames.move_tracks(self.world, o.tracks)
         points, _ = read_points(scan_of(measured(self.grid, truth.xy, truth.radius, pose, 240, 5.5)))
-        seen = discs(off_the_map(frames.move(pose, points), self.grid, 0.15), gap=0.3, largest=0.8)
+        seen = discs(Walls(self.grid, 0.15).off(frames.move(pose, points)), gap=0.3, largest=0.8)
         self.pilot.scan = o.t, self.tracker.update(o.t, without_ids(seen))
         answer = self.pilot.receive_odometry(
             frames.Odometry(o.t, pose[:2], frames.turn(self.world[2], o.velocity), pose[2]), o.t

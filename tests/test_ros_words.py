@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import signal
 import sys
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -124,6 +125,116 @@ def test_odometry_whose_clock_stands_is_silent(made, monkeypatch) -> None:
     assert not vars(twist), "it stands"
 
 
+def drives(made, **given):
+    """A node that drives to a goal: (node, a function that sends odometry and an empty scene of a time)."""
+    node = made(**given)
+
+    def sense(t: float, xy=(2.0, 2.0)) -> None:
+        node.heard_on["obstacles"](convert.markers_message(Tracks.none(), t))
+        node.heard_on["odom"](odometry(t, xy))
+
+    node.heard_on["map"](convert.grid_message(ROOM))
+    node.heard_on["goal_pose"](goal(6.0, 2.0))
+    sense(5.0)
+    assert vars(node.published["cmd_vel"].sent[-1].twist), node.said
+    return node, sense
+
+
+def test_a_node_that_drives_brakes_when_odometry_is_late(made, monkeypatch) -> None:
+    """Two periods after the last command at the latest; a simulation whose clock is slow is not late."""
+    now = [10.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    node, sense = drives(made)
+    for now[0] in (10.1, 10.19):
+        node._watch()
+        assert vars(node.published["cmd_vel"].sent[-1].twist)
+    now[0] = 10.21
+    node._watch()
+    assert not vars(node.published["cmd_vel"].sent[-1].twist) and "no odometry for 2 control periods" in node.said[-1][1]
+    node.simulated, node.time = True, 5.1
+    sense(5.1)
+    now[0], node.time = 10.6, 5.2
+    node._watch()
+    assert vars(node.published["cmd_vel"].sent[-1].twist)
+
+
+@pytest.mark.parametrize(
+    ("clock", "t", "refused"),
+    [(106.0, 105.0, True), (105.3, 105.0, False), (0.6, 0.0, False), (1.8e9, 105.0, False), (0.0, 105.0, False)],
+)
+def test_odometry_that_comes_late_is_refused(made, clock: float, t: float, refused: bool) -> None:
+    """Where the robot was a second ago is no place to drive from; stamps that are 0, or of another clock, tell nothing."""
+    node = made()
+    node.time = clock
+    node.heard_on["odom"](odometry(t))
+    assert (node.pilot.odometry is None) is refused
+    assert any("age of header.stamp = '1.00 s'" in text and level == "error" for level, text in node.said) is refused
+
+
+def test_the_command_to_stand_is_repeated_for_a_while(made, monkeypatch) -> None:
+    """One that is lost leaves a robot driving; but not for ever, not to a robot with a goal, and not beside another driver."""
+    now = [10.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    node, _ = drives(made)
+    sent = node.published["cmd_vel"].sent
+    for drivers, repeated in ((1, (4, 5, 6)), (2, (0,))):
+        node.drivers = drivers
+        node.drop("on request")
+        count = len(sent)
+        for _ in range(40):
+            now[0] += 0.025
+            node._watch()
+        assert len(sent) - count in repeated and not any(vars(one.twist) for one in sent[count - 1 :])
+
+
+def test_an_order_that_was_given_before_counts_no_more(made) -> None:
+    """A tour whose order is found after the node was taken down and up again used to take the robot over."""
+    node = made()
+    before = node.orders
+    node.drop("on request")
+    node.on_deactivate(None)
+    node.on_cleanup(None)
+    assert node.on_configure(None).name == "SUCCESS" and node.orders > before + 1
+
+
+def test_a_goal_that_is_refused_ends_the_drive(made) -> None:
+    """Also if its frame is not known or it is not a number, and diagnostics go on telling that."""
+    for wrong in (goal(math.nan, 2.0), SimpleNamespace(header=convert.header_message(0.0, "moon"), pose=goal(3.0, 3.0).pose)):
+        node, sense = drives(made)
+        node.heard_on["goal_pose"](wrong)
+        assert node.pilot.goal is None and not vars(node.published["cmd_vel"].sent[-1].twist)
+        for k in range(1, 10):
+            sense(5.0 + 0.1 * k)
+        node.reports.publish()
+        status = node.published["/diagnostics"].sent[-1].status[0]
+        assert status.level == b"\x02" and "goal_pose refused" in status.message
+
+
+def test_a_stop_that_ends_something_is_a_success(made) -> None:
+    """A tour that is being planned, and a robot that still brakes, count as well as a goal."""
+    node = made()
+    answer = SimpleNamespace
+    assert node._serve_stop(None, answer()).success is False
+    node.served.following = "a tour that is being planned"
+    assert node._serve_stop(None, answer()).success is True
+    node, _ = drives(made)
+    assert node._serve_stop(None, answer()).success is True
+
+
+def test_cycles_that_take_too_long_are_told(made, monkeypatch) -> None:
+    """Diagnostics go on telling it for some seconds beside what the node does."""
+    node, sense = drives(made)
+    receive = node.pilot.receive_odometry
+    monkeypatch.setattr(node.pilot, "receive_odometry", lambda *given: (time.sleep(0.15), receive(*given))[1])
+    sense(5.1)
+    assert any("a control cycle took 0.1" in text for _, text in node.said)
+    monkeypatch.setattr(node.pilot, "receive_odometry", receive)
+    sense(5.2)
+    node.reports.publish()
+    status = node.published["/diagnostics"].sent[-1].status[0]
+    assert status.level == b"\x01" and status.message.startswith("follow") and "a control cycle took" in status.message
+
+
 def test_parameters_show_the_robot_in_force(made) -> None:
     """Of a named robot they are its own numbers, once it is configured; what is set then counts from the next time on."""
     node = made(**{"robot.name": "turtlebot4", "robot.drive": "", "robot.latency": 0.2})
@@ -191,6 +302,26 @@ def test_it_can_be_ended_while_it_compiles(monkeypatch) -> None:
     assert signal.getsignal(signal.SIGINT) is before
 
 
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no SIGHUP")
+@pytest.mark.parametrize("ignored", [False, True])
+def test_a_terminal_that_closes_ends_the_node_with_a_stop(monkeypatch, ignored: bool) -> None:
+    """SIGHUP used to kill it, and the robot drove on; nohup, which ignores it, is obeyed."""
+    module, seen = node_module(monkeypatch), []
+    monkeypatch.setattr(LifecycleNode, "overrides", {"robot.drive": "holonomic", "autostart": True})
+    monkeypatch.setattr(module.AntwayNode, "halt", lambda self, reason: seen.append(reason))
+
+    def compile_for(settings) -> None:
+        seen.append(signal.getsignal(signal.SIGHUP) is signal.SIG_IGN)
+        signal.raise_signal(signal.SIGINT if ignored else signal.SIGHUP)
+
+    monkeypatch.setattr(module, "compile_for", compile_for)
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else lambda *_: seen.append("not handled"))
+    try:
+        assert module.main([]) == 0 and seen == [ignored, "shut down"]
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 def test_a_tour_pre_empts_what_the_robot_drives_to(made, monkeypatch) -> None:
     """Whoever drove is told so at once, and the new tour can be cancelled; a bad tour leaves no drive that cannot be."""
     node, searches = made(), []
@@ -218,6 +349,19 @@ def test_a_tour_pre_empts_what_the_robot_drives_to(made, monkeypatch) -> None:
     assert served._cancel(first) is answers.REJECT and served._cancel(second) is answers.ACCEPT
     searches[1][1](None, Failure(304, "off the map"))
     assert ends[1:] == ["the goal is cancelled", ("second", 602)] and served.following is None
+
+
+@pytest.mark.parametrize(("result", "code"), [(SimpleNamespace(NO_VIAPOINTS_GIVEN=309), 309), (SimpleNamespace(), 308)])
+def test_a_tour_of_nothing_has_nav2s_code(made, result, code: int) -> None:
+    """The newer messages of Nav2 have a code for it."""
+    node, ends = made(), []
+    kind = Kind(SimpleNamespace(Result=result), lambda goal: goal, lambda **fields: fields, None)
+    served = sys.modules["antway.ros2.actions"].Served(node, {"compute_tour": kind})
+    node.heard_on["map"](convert.grid_message(ROOM))
+    handle = SimpleNamespace(request=SimpleNamespace(goals=[], use_start=False), is_cancel_requested=False, abort=print)
+    handle.execute = lambda end: ends.append(end(handle))
+    served._compute_tour(handle)
+    assert ends[0]["error_code"] == code and "at least one" in ends[0]["error_msg"]
 
 
 class Buffer:

@@ -44,6 +44,7 @@ from antway.policies.guard_memory import SIDES, SIZE, Answer, Link
 from antway.world.policy import Command, Observation, Policy, Task, Tracks
 
 SILENT = "silent"
+ALIVE = "running; start another one (the ROS 2 node does at its next configure)"
 _LOOK = 1e-3  # s; period at which the guard looks for the planner's command; waking it would cost the planner 10 us
 _TIMEOUT = 2.0  # s; time for the guard process to end, in which it releases the motors
 _START = 300.0  # s; time for it to be ready for a new robot, for which it may have to compile
@@ -113,12 +114,15 @@ class GuardProcess:
         Raises
         ------
         BadParameter
-            If the process has ended, or is not ready within 5 s (300 s for a new robot); it is killed then.
+            If the process has ended, or is not ready within 5 s (300 s for a new robot); it is killed then. The robot needs
+            another `GuardProcess` in either case.
         """
         self._reset(task, _READY if task.robot == self.task.robot else _START)
 
     def _reset(self, task: Task, seconds: float) -> None:
         assert self.process.stdout is not None
+        if not self.alive:
+            raise BadParameter("the guard's process", "ended", ALIVE)
         self.task, killer = task, threading.Timer(seconds, self.process.kill)
         killer.start()
         try:
@@ -129,7 +133,13 @@ class GuardProcess:
         finally:
             killer.cancel()
         if not ready:
-            raise BadParameter("task", task, f"such that the guard's process takes it up within {seconds:g} s")
+            allowed = f"such that the guard's process takes it up within {seconds:g} s; that process has ended now"
+            raise BadParameter("task", task, allowed)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self.process.poll() is None
 
     def observe(self, o: Observation) -> int:
         """Write an observation for guard and planner; return its number."""
@@ -139,15 +149,14 @@ class GuardProcess:
         return self.number
 
     def answer(self, number: int) -> Answer:
-        """Return the answer, at the latest one control period from now; if the guard is silent, it is a stop."""
+        """Return the answer, at the latest one control period from now; if the guard is silent or has ended, it is a stop."""
         until = time.monotonic() + self.task.robot.dt
         while True:
             found = self.link.replied(number)
             if found is not None:
                 return found
-            if time.monotonic() >= until:
-                twist = (0.0, 0.0) if self.task.robot.wheels and not self.task.robot.stepwise else None
-                return Answer(number, Command((0.0, 0.0), twist), SILENT)
+            if time.monotonic() >= until or not self.alive:
+                return Answer(number, standing(self.task), SILENT)
             self.link.wait(until)
 
     def limit(self, number: int, command: Command | None) -> Answer:
@@ -163,7 +172,9 @@ class GuardProcess:
         self.link.ring("guard")
 
     def close(self) -> None:
-        """End the process."""
+        """End the process, unless that has been done."""
+        if not self.link.views:
+            return
         self.link.views["rest"][0] = self.number
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
@@ -181,6 +192,11 @@ class GuardProcess:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def standing(task: Task) -> Command:
+    """Return the command to stand, which takes effect at once."""
+    return Command((0.0, 0.0), (0.0, 0.0) if task.robot.wheels and not task.robot.stepwise else None)
 
 
 def plan_for(folder: str, policy: Policy) -> None:
@@ -208,9 +224,11 @@ class _Server:
         self.number, self.due = 0, 0.0  # number of the last observation, and when the next one is due
         self.seen: Observation | None = None  # the last observation; None while the robot rests
         self.task: Task | None = None
+        self.moves = False  # whether the last command that was emitted is not that to stand
 
     def reset(self, task: Task) -> None:
         """Start a task, and compile everything that answers need."""
+        self.rest()
         self.guard.reset(task)
         one = Tracks(np.zeros(1, np.int64), np.array([task.start]), np.zeros((1, 2)), np.full(1, 0.1))
         heading = math.atan2(task.goal[1] - task.start[1], task.goal[0] - task.start[0])
@@ -226,7 +244,7 @@ class _Server:
         if found is not None:
             self.answer(task, *found)
         elif self.seen is None or self.link.views["rest"][0] == self.number:
-            self.seen = None
+            self.rest()
             self.link.wait(time.monotonic() + 1.0)
         elif time.monotonic() < self.due + self.slack:
             self.link.wait(self.due + self.slack)
@@ -266,13 +284,24 @@ class _Server:
             self.brake(self.task)
             time.sleep(robot.dt)
 
+    def rest(self) -> None:
+        """Send no more commands until the next observation; the last one is to stand, even if this process hung before."""
+        seen, self.seen = self.seen, None
+        if seen is not None and self.task is not None and self.moves:
+            self.send(standing(self.task), seen)
+
     def give(self, passed: Command) -> None:
-        """Send a passed command."""
+        """Send a passed command, and then tell the robot side, which may tell the robot to stand as soon as it knows."""
         assert self.seen is not None
+        self.send(passed, self.seen)
         self.link.reply(self.number, passed, self.guard.did)
         self.link.ring("robot")
+
+    def send(self, command: Command, seen: Observation) -> None:
+        """Send a command to the motors."""
+        self.moves = any(command.velocity) or any(command.twist or ())
         if self.emit is not None:
-            self.emit(passed, self.seen)
+            self.emit(command, seen)
 
 
 def main() -> None:

@@ -67,6 +67,11 @@ class Served:
             else:
                 server.destroy()
 
+    @property
+    def unanswered(self) -> bool:
+        """Whether results have not been sent yet; a task makes each, and another sends it."""
+        return self.following is not None or self.ending > 0
+
     # Plans
 
     def _plan(
@@ -164,6 +169,9 @@ class Served:
         try:
             grid = self._map()
             goals = getattr(goal.goals, "goals", goal.goals)  # nav_msgs/msg/Goals in newer releases, a list in older ones
+            if len(goals) == 0:
+                code = getattr(getattr(kind.type, "Result", None), "NO_VIAPOINTS_GIVEN", THROUGH + nav2.NO_VALID_PATH)
+                raise Failure(code - THROUGH, "goals = []: must be at least one")
             places = [self._place(goal.start if goal.use_start else None), *(self._place(one) for one in goals)]
         except Failure as failure:
             return self._planned(handle, kind, started, path, Failure(THROUGH + failure.code, failure.reason))
@@ -222,7 +230,7 @@ class Served:
                 tf = wrong.field == "header.frame_id" or "tf" in wrong.field
                 error = nav2.FOLLOW_TF_ERROR if tf else nav2.INVALID_PATH, str(wrong)
         if error is not None:
-            if self.following is not None:  # as in Nav2, where a goal ends the one before it whether it can be followed or not
+            if node.busy:  # as in Nav2, where a goal ends the one before it whether it can be followed or not
                 node.drop("pre-empted by a goal that is refused")
             return self._finish(handle, kind, error[0], error_code=error[0], error_msg=error[1])
 

@@ -10,11 +10,14 @@ import numpy as np
 
 from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
-from antway.planning import Problem, solve
+from antway.kernels.base.jit import call
+from antway.kernels.tracking import kalman
+from antway.planning import PLANNERS, Problem, solve
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
 from antway.ros2.scan import Tracker, without_ids
 from antway.ros2.settings import Settings
+from antway.tours.plan import plan_tour
 from antway.world.episode import run
 from antway.world.motions import Bounce
 from antway.world.policy import Command, Observation, RobotSpec, Tracks
@@ -24,8 +27,7 @@ from antway.world.world import Obstacle, World
 
 def compile_for(settings: Settings) -> None:
     """Compile the kernels that plan and drive with these settings."""
-    solve(Problem(Grid(np.zeros((8, 8), bool)), (0, 0), (7, 7)), settings.planner, time_limit=1.0)
-    Tracker().update(0.0, without_ids((np.zeros((1, 2)), np.ones(1))))
+    _plan()
     robot, mode = settings.robot, settings.policy["mode"]
     _drive(robot, AntwayPolicy, mode)
     if robot.dynamics == "ramps":  # many a robot has more inertia and latency than was declared, and measures no speeds
@@ -38,6 +40,19 @@ class _Unmeasured(AntwayPolicy):
 
     def act(self, observation: Observation) -> Command:
         return super().act(replace(observation, velocity=(0.0, 0.0), turn_rate=0.0))
+
+
+@cache
+def _plan() -> None:
+    """Plan by every planner, because compute_path_to_pose names one, and two tours; and follow tracks from laser scans."""
+    place = Grid(np.zeros((8, 8), bool))
+    for planner in PLANNERS:
+        solve(Problem(place, (0, 0), (7, 7)), planner, time_limit=0.1)
+    for stops in (3, 16):  # which different methods put in order
+        plan_tour(place, (1.5, 1.5), [(0.5 + 2.0 * (i % 4), 0.5 + 2.0 * (i // 4)) for i in range(stops)], seconds=0.05)
+    tracker = Tracker()
+    tracker.update(0.0, without_ids((np.zeros((1, 2)), np.ones(1))))
+    call(kalman.raise_variances, *tracker.table[:2], np.zeros(2), np.zeros(2))  # when a sensor turns out to be wrong
 
 
 @cache

@@ -68,8 +68,8 @@ def pose_message(x: float, y: float, yaw: float, make: Make = plain) -> Any:
 
 
 def read_pose(pose: Any, *, where: str = "pose") -> tuple[float, float, float]:
-    """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuse a pose that is not finite or is tilted."""
-    x, y = (checks.number(f"position.{n}", getattr(pose.position, n), where=where) for n in "xy")
+    """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuse one that is not finite, beyond limits, or tilted."""
+    x, y = _place(pose.position, where)
     q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), where=where) for n in "xyzw"]
     if abs(math.hypot(q[2], q[3]) - 1.0) > _TILT:
         raise BadParameter("orientation", tuple(q), "a unit quaternion of a turn about z", where=where)
@@ -256,12 +256,12 @@ def read_path(message: Any) -> NDArray[np.float64]:
     Raises
     ------
     BadParameter
-        For a pose that is not finite or is tilted.
+        For a pose that is not finite, is tilted, or is beyond limits (docs/limits.md).
     """
     places, turns = ([getattr(one.pose, part) for one in message.poses] for part in ("position", "orientation"))
     xy = np.array([(p.x, p.y) for p in places], np.float64).reshape(-1, 2)
     q = np.array([(q.x, q.y, q.z, q.w) for q in turns], np.float64).reshape(-1, 4)
-    sound = np.isfinite(xy).all(axis=1) & np.isfinite(q).all(axis=1) & (abs(np.hypot(q[:, 2], q[:, 3]) - 1.0) <= _TILT)
+    sound = (abs(xy) <= MAX_PLACE).all(axis=1) & np.isfinite(q).all(axis=1) & (abs(np.hypot(q[:, 2], q[:, 3]) - 1.0) <= _TILT)
     for i in np.flatnonzero(~sound).tolist():
         read_pose(message.poses[i].pose, where=f"Path.poses[{i}]")  # says what is wrong
     return xy
@@ -307,11 +307,14 @@ def read_odometry(message: Any) -> Odometry:
     """
     pose, where = message.pose.pose, "Odometry.pose"
     (x, y), q = _place(pose.position, where), pose.orientation
-    if abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) <= _TILT and math.hypot(q.z, q.w) >= math.cos(_RAMP / 2.0):
+    if abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) <= _TILT:
+        tilt = 2.0 * math.acos(min(math.hypot(q.z, q.w), 1.0))
+        checks.number("tilt", tilt, high=_RAMP, unit="rad", where=where)
         heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
     else:
         _, _, heading = read_pose(pose, where=where)  # which says what is wrong
-    t, twist = seconds(message.header.stamp), message.twist.twist
+    t = checks.number("header.stamp", seconds(message.header.stamp), low=0.0, unit="s", where="Odometry")
+    twist = message.twist.twist
     velocity, rate = read_twist(twist, heading).velocity, twist.angular.z
     rate = checks.number("angular.z", rate, low=-MAX_ANGLE, high=MAX_ANGLE, unit="rad/s", where="Odometry.twist")
     return Odometry(t, (x, y), velocity, heading, rate)
@@ -331,8 +334,8 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
     Each added sphere or cylinder is a disc whose diameter is the larger of scale.x and scale.y, named by its id; a cube is the
     disc around it. Discs of several namespaces that have the same id have no name. An added arrow with the id of a disc from
     points[0] to points[1] is its velocity (m in 1 s): that of its namespace, or one whose namespace has no such disc. Without
-    an arrow the velocity is unknown. Lines, texts, other arrows and other actions are ignored. The time is the latest stamp, so
-    that even an empty scene needs a marker: delete-all.
+    an arrow the velocity is unknown. Lines, texts, other arrows and other actions are ignored. The time is the oldest stamp of
+    a disc or, in a scene without discs, the latest stamp, so that even an empty scene needs a marker: delete-all.
 
     Raises
     ------
@@ -344,6 +347,7 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
         raise BadParameter("MarkerArray.markers", [], "at least a delete-all marker, which carries the time")
     discs: dict[tuple[str, int], tuple[float, float, float]] = {}
     arrows: dict[tuple[str, int], XY] = {}
+    stamps = list[float]()  # s; of discs
     for i, marker in enumerate(message.markers):
         where = f"MarkerArray.markers[{i}]"
         if marker.action != ADD:
@@ -356,6 +360,7 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
             scales = ((f"scale.{n}", getattr(marker.scale, n)) for n in "xy")
             wide = [checks.number(field, value, low=0.0, high=MAX_PLACE, where=where) for field, value in scales]
             x, y = _place(place, where)
+            stamps.append(seconds(marker.header.stamp))
             diameter = math.hypot(*wide) if marker.type == CUBE else max(wide)
             discs[name] = (x, y, checks.number("scale", diameter, low=0.0, open_low=True, unit="m", where=where) / 2)
         elif marker.type == ARROW and len(marker.points) == 2:
@@ -375,13 +380,15 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
             raise BadParameter("id", number, "an arrow in the namespace of its disc", where="MarkerArray.markers")
     arrow = [arrows.get(name, others.get(name[1], (math.nan, math.nan))) for name in discs]
     velocity = np.array(arrow, np.float64).reshape(-1, 2)
-    t = max(seconds(marker.header.stamp) for marker in message.markers)
+    t = min(stamps) if stamps else max(seconds(marker.header.stamp) for marker in message.markers)
     return t, Tracks(np.array(ids, np.int64), rows[:, :2].copy(), velocity, rows[:, 2].copy()).distinct()
 
 
 def placed_headers(message: Any) -> list[Any]:
-    """Return the headers of the markers that are added by a visualization_msgs/msg/MarkerArray: others are in no place."""
-    return [marker.header for marker in getattr(message, "markers", []) if getattr(marker, "action", ADD) == ADD]
+    """Return the headers of the discs and arrows that a visualization_msgs/msg/MarkerArray adds: nothing else of it is used."""
+    used = (ARROW, CUBE, SPHERE, CYLINDER)
+    added = [one for one in getattr(message, "markers", []) if getattr(one, "action", ADD) == ADD]
+    return [marker.header for marker in added if getattr(marker, "type", ARROW) in used]
 
 
 def marker_message(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
 from antway.limits import MAX_ORIGIN
@@ -17,6 +18,7 @@ from antway.world.policy import XY, Decision, Tracks
 
 Pose = tuple[float, float, float]  # m, m, rad
 HERE: Pose = (0.0, 0.0, 0.0)
+_OTHER_CLOCK = 60.0  # s; odometry that seems older than this has the stamps of another clock
 
 
 class Odometry(NamedTuple):
@@ -27,6 +29,21 @@ class Odometry(NamedTuple):
     velocity: XY  # m/s
     heading: float  # rad
     turn_rate: float = 0.0  # rad/s
+
+
+def check_age(odometry: Odometry, now: float, most: float) -> None:
+    """Refuse odometry that is older than `most` s by a clock that shows `now` s.
+
+    A stamp of 0, one that is more than a minute old and one that is newer than `now` tell nothing of the age.
+
+    Raises
+    ------
+    BadParameter
+    """
+    age = now - odometry.t
+    if odometry.t > 0.0 and most < age < _OTHER_CLOCK:
+        allowed = f"at most {most:g} s by this node's clock: the network or a filter is slow, or the clocks differ"
+        raise BadParameter("age of header.stamp", f"{age:.2f} s", allowed, where="Odometry")
 
 
 def chain(a: Pose, b: Pose) -> Pose:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import math
 import signal
 import sys
 import time
@@ -31,21 +31,22 @@ from antway.ros2.compile import compile_for
 from antway.ros2.declared import Declared
 from antway.ros2.driver import open_driver, stamp_twist, twist_type
 from antway.ros2.frames import Odometry, Pose
-from antway.ros2.goals import ERROR, OK, WARN, Answer, End, Goal
-from antway.ros2.markers import decision_message, predictions_message
+from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import Kind, nav2_kinds
+from antway.ros2.pictures import Pictures
 from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
-from antway.ros2.scan import Laser, Tracker, discs, newest_reached, off_the_map, without_ids
+from antway.ros2.reports import Reports
+from antway.ros2.scan import Laser, Tracker, Walls, discs, newest_reached, without_ids
 from antway.ros2.settings import LASER, Settings
 from antway.ros2.tf import Transforms
-from antway.world.policy import Decision, Task, Tracks
+from antway.world.policy import Command, Task, Tracks
 
 T = TypeVar("T")
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 UPDATES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # older odometry is of no use to a node that was busy
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-SEEN_AHEAD = 3.0  # s; how far ahead predictions are shown
 
 
 class AntwayNode(LifecycleNode):  # type: ignore[misc]
@@ -63,6 +64,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.declared = Declared(self)
         self.parts: list[tuple[Callable[[Any], Any], Any]] = []
         self.active = self.compiling = False
+        self.orders = 0  # number of goals, tours and stops that were asked for; it only grows, because tours compare it
 
     # Up and down
 
@@ -94,20 +96,21 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.tracker = Tracker()
         self.done: Callable[[End, str], None] | None = None  # called with how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # called after each command
-        self.orders = 0  # number of goals, tours and stops that were asked for
         self.maps = convert.MapReader(self.settings.frame, self.settings.map_occupied)
         self.laser = Laser(self.settings.timeout)
-        self.shown: Decision | None = None
+        self.walls: Walls | None = None  # of the map, for laser scans
         self.heard = time.monotonic()  # s; when odometry was last good
-        self.reported, self.logged = (OK, ""), dict[str, float]()  # the logged errors, and when, s
+        self.answered = self._seconds()  # s; when it was last answered
+        self.stood = -math.inf, 0.0  # s; when the robot was last told to stand, and when that is to be repeated
         self._open_publishers()
         self._open_subscriptions(kind)
         self.parts.append((self.destroy_service, self.create_service(load("std_srvs/srv/Trigger"), "~/stop", self._serve_stop)))
         self.transforms = Transforms(self)
         self.parts.append((Transforms.close, self.transforms))
-        self.parts.append((Served.close, Served(self, self.kinds)))
+        self.served = Served(self, self.kinds)
+        self.parts.append((Served.close, self.served))
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # unaffected by jumps of the ROS clock
-        for period, tick in ((self.settings.robot.dt, self._watch), (1.0, self._diagnose)):
+        for period, tick in ((self.settings.robot.dt / 4, self._watch), (1.0, self.reports.publish)):
             self.parts.append((self.destroy_timer, self.create_timer(period, tick, clock=steady)))
 
     def _open_publishers(self) -> None:
@@ -122,13 +125,11 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.cmd_vel = publisher(twist_type(settings.stamped), "cmd_vel")
         task = Task(Grid(np.zeros((8, 8), bool)), settings.robot, (2.0, 2.0), (6.0, 6.0), **settings.task)
         self.pilot = Pilot(settings, self._guard_process(task))
-        self.plan = publisher("nav_msgs/msg/Path", "plan", LATCHED)
-        self.pheromone = publisher("nav_msgs/msg/OccupancyGrid", "pheromone", LATCHED)
-        self.decisions = publisher("visualization_msgs/msg/MarkerArray", "decisions", LATCHED)
-        self.predictions = publisher("visualization_msgs/msg/MarkerArray", "predictions")
-        self.diagnostics = None
-        if find_spec("diagnostic_msgs"):
-            self.diagnostics = publisher("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics")
+        self.pictures = Pictures(
+            self.pilot, settings.frame, lambda kind, topic, latched: publisher(kind, topic, LATCHED if latched else 10)
+        )
+        known = find_spec("diagnostic_msgs")
+        self.reports = Reports(self, publisher("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics") if known else None)
 
     def _open_subscriptions(self, kind: Any) -> None:
         """Open the topics that the node receives; `kind` is the class of messages on obstacles."""
@@ -137,7 +138,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         wanted = [
             (kind, "scan" if scans else "obstacles", SENSOR, self._on_scan if scans else self._on_obstacles),
             (load("nav_msgs/msg/OccupancyGrid"), "map", LATCHED, self._on_map),
-            (load("nav_msgs/msg/Odometry"), "odom", SENSOR, self._on_odometry),
+            (load("nav_msgs/msg/Odometry"), "odom", NEWEST, self._on_odometry),
             (load("geometry_msgs/msg/PoseStamped"), "goal_pose", 10, self._on_goal),
         ]
         if find_spec("map_msgs"):  # as Nav2 sends them beside a costmap
@@ -165,8 +166,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Start driving to goals."""
         done = super().on_activate(state)
-        self.active, self.heard = True, time.monotonic()
-        self._say(OK, "no goal")
+        self.active, self.heard, self.answered = True, time.monotonic(), self._seconds()
+        self.reports.say(OK, "no goal")
         return done
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
@@ -219,7 +220,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         except BadInput as wrong:
             reason = f"{what} refused: {wrong}"
             self.pilot.faults[what] = time.monotonic(), reason
-            self._say(ERROR, reason)
+            self.reports.say(ERROR, reason)
             return None
         self.pilot.faults.pop(what, None)
         return found
@@ -236,6 +237,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         elif pose := self._read("goal_pose", lambda goal: self.place(goal.header, goal.pose), message):
             self.orders += 1
             self.go(Goal(pose[:2], yaw=pose[2]))
+        elif self.busy:  # whoever sent it does not want the robot to go where it was going
+            self.drop(self.pilot.faults["goal_pose"][1], ERROR)
 
     def _on_obstacles(self, message: Any) -> None:
         """Receive obstacles, whose missing names and velocities the tracker adds."""
@@ -275,7 +278,9 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         def read(scan: tuple[float, Any]) -> tuple[float, Tracks]:
             seen, (_, (x, y, _)) = laser.middle(scan), laser.trail[-1]
             mount = self.transforms.mount(scan[1].header.frame_id, settings.base_frame, scan[0], settings.timeout)
-            points = off_the_map(laser.placed(scan, *mount, settings.scan_valid), grid, settings.scan_clear)
+            if self.walls is None or self.walls.grid is not grid:
+                self.walls = Walls(grid, settings.scan_clear)
+            points = self.walls.off(laser.placed(scan, *mount, settings.scan_valid))
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
             return seen, self.tracker.update(seen, without_ids(places), (x, y))
 
@@ -288,6 +293,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
         def read(message: Any) -> Odometry:
             odometry = convert.read_odometry(message)
+            frames.check_age(odometry, self.get_clock().now().nanoseconds * 1e-9, self.settings.timeout)
             frame = self.transforms.pose(message.header.frame_id, self.settings.frame, odometry.t, self.settings.timeout)
             return frames.move_odometry(frame, odometry)
 
@@ -295,25 +301,42 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         if odometry is None:
             return
         t, now, late = odometry.t, time.monotonic(), self.laser.newest - odometry.t
-        if self.pilot.is_late(odometry.t):
+        if self.pilot.is_late(t):
             return
         if late > 0.0 and (refused := self.maps.time_went_back()) is not None:  # an older map may be newer then
             self._on_map(refused)
         self.laser.moved(t, (*odometry.xy, odometry.heading))
         self._see(t)
-        if self._do(self.pilot.receive_odometry(odometry, now)):
-            self._show(t)
+        policy, answer = self.pilot.policy, self.pilot.receive_odometry(odometry, now)
+        drives, took = self._do(answer), time.monotonic() - now
+        if answer is not None:
+            self.answered = self._seconds()
+        if drives:
+            self.pictures.show(t)
+            if took > self.settings.robot.dt and policy is self.pilot.policy:  # to set out may take longer
+                self.reports.add(WARN, f"a control cycle took {took:.2f} s, longer than robot.dt: the computer is too slow")
         if late == 0.0:  # what does not move on is silent
             self.pilot.faults[ODOMETRY] = now, f"odometry's stamp stays at {t:.3f} s"
         else:
             self.heard = time.monotonic()  # the time for the start does not count as silence
 
+    def _seconds(self) -> float:
+        """Return the time by the clock of a simulation, which may be slow, or by a steady one, s."""
+        clock = self.get_clock()
+        return float(clock.now().nanoseconds * 1e-9) if clock.ros_time_is_active else time.monotonic()
+
     def _watch(self) -> None:
-        self._do(self.pilot.silent(time.monotonic() - self.heard))
+        """Brake if odometry is late, and repeat the command to stand for `timeout`, unless others may drive the robot."""
+        now, (stood, again), settings = time.monotonic(), self.stood, self.settings
+        self._do(self.pilot.silent(now - self.heard, self._seconds() - self.answered))
+        if self.active and self.pilot.rests and again <= now <= stood + settings.timeout:
+            self.stood = stood, again + settings.robot.dt
+            if self.count_publishers(self.cmd_vel.topic_name) <= 1 + settings.guard_process:
+                self._send(STAND)
 
     def _serve_stop(self, request: Any, response: Any) -> Any:
-        driving = self.active and self.pilot.goal is not None
-        response.success, response.message = driving, "stopped" if driving else "there was no goal"
+        stops = self.active and (self.busy or not self.pilot.rests)
+        response.success, response.message = stops, "stopped" if stops else "there was no goal, and the robot stands"
         if self.active:
             self.drop("stopped on request")
         return response
@@ -329,32 +352,35 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def _check_topics(self) -> None:
         """Warn of topics with which no drive can go well."""
-        dt, period, topic = self.settings.robot.dt, self.laser.period(), self.cmd_vel.topic_name
+        dt, period, topic = self.settings.robot.dt, self.pilot.period(), self.cmd_vel.topic_name
         if not (period < 0.6 * dt or 0.9 * dt < period < 1.1 * dt):
-            self._say(
+            self.reports.say(
                 WARN, f"odometry comes each {period:.2f} s: it should each robot.dt, {dt:g} s, or at least twice as often"
             )
         if self.cmd_vel.get_subscription_count() == 0:
             kind, other = twist_type(self.settings.stamped), twist_type(not self.settings.stamped)
-            self._say(WARN, f"nothing takes {kind} on {topic}; if the base takes {other} there, change `stamped`")
+            self.reports.say(WARN, f"nothing takes {kind} on {topic}; if the base takes {other} there, change `stamped`")
 
-    def drop(self, reason: str) -> None:
+    def drop(self, reason: str, level: int = OK) -> None:
         """Stop the robot and drop the goal."""
         self.orders += 1
-        self._do(self.pilot.drop(reason))
+        self._do(self.pilot.drop(reason, level=level))
+
+    @property
+    def busy(self) -> bool:
+        """Whether the robot drives to a goal, or a tour is being planned."""
+        return self.pilot.goal is not None or self.served.following is not None
 
     def _do(self, answer: Answer | None) -> bool:
         """Send the pilot's answer, if there is one; True where the robot drives."""
         if answer is None or not self.active:
             return False
-        settings = self.settings
-        t, _, velocity, heading, _ = self.pilot.odometry or Odometry(0.0, (0.0, 0.0), (0.0, 0.0), 0.0)
-        if not (answer.drives and settings.guard_process):  # else the guard process has sent it
-            twist = make("geometry_msgs/msg/Twist")
-            if answer.drives:
-                twist = convert.twist_message(answer.command, velocity, heading, settings.robot, make)
-            self.cmd_vel.publish(stamp_twist(twist, t, settings.base_frame if settings.stamped else None))
-        self._say(answer.level, answer.reason)
+        if not answer.drives:
+            now = time.monotonic()
+            self.stood = now, now + self.settings.robot.dt
+        if not (answer.drives and self.settings.guard_process):  # else the guard process has sent it
+            self._send(answer.command)
+        self.reports.say(answer.level, answer.reason)
         if answer.end is not None and self.done is not None:
             done, self.done, self.feed = self.done, None, None
             done(answer.end, answer.reason)
@@ -362,57 +388,18 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.feed()
         return answer.drives
 
-    def _show(self, t: float) -> None:
-        """Publish decision, planned motion and pheromone if they are new, and predictions if there is a subscriber."""
-        pilot, frame = self.pilot, self.settings.frame
-        decision = pilot.decision()
-        if decision is None or pilot.scan is None or pilot.odometry is None:
-            return
-        tracks = pilot.scan[1]
-        if decision is not self.shown:
-            self.shown = decision
-            self.decisions.publish(decision_message(decision, pilot.odometry.xy, tracks, t, make, frame=frame))
-            if decision.path is not None:
-                self.plan.publish(convert.path_message(decision.path.xy, make, t=t, frame=frame))
-            costs = pilot.pheromone()
-            if costs is not None:
-                message = convert.costs_message(costs[0], pilot.grid.resolution, costs[1], make, t=t, frame=frame)
-                self.pheromone.publish(message)
-        if self.predictions.get_subscription_count():
-            lines = pilot.predictions(SEEN_AHEAD)
-            self.predictions.publish(predictions_message(tracks, lines, t, make, frame=frame))
-
-    def _say(self, level: int, reason: str) -> None:
-        """Log what the node does or why it stands, and publish it on diagnostics, if that is new.
-
-        An error that is the same but for its numbers is new after a second.
-        """
-        if (level, reason) == self.reported:
-            return
-        self.reported, log, now = (level, reason), self.get_logger(), time.monotonic()
-        if level == ERROR:  # rclpy wants one line of code for each severity
-            self.logged = {words: then for words, then in self.logged.items() if now < then + 1.0}
-            if self.logged.setdefault(re.sub(r"[\d.]+", "", reason), now) < now:
-                return
-            log.error(reason)
-        elif level == WARN:
-            log.warning(reason)
-        else:
-            log.info(reason)
-        self._diagnose()
-
-    def _diagnose(self) -> None:
-        if self.diagnostics is None or not self.active:
-            return
-        level, reason = self.reported
-        name = self.get_fully_qualified_name().lstrip("/")  # which of several robots, each in its namespace
-        status = make("diagnostic_msgs/msg/DiagnosticStatus", level=bytes([level]), name=name, message=reason, hardware_id="")
-        now = make("std_msgs/msg/Header", stamp=self.get_clock().now().to_msg())
-        self.diagnostics.publish(make("diagnostic_msgs/msg/DiagnosticArray", header=now, status=[status]))
+    def _send(self, command: Command) -> None:
+        """Send a command to the robot."""
+        settings = self.settings
+        t, _, velocity, heading, _ = self.pilot.odometry or Odometry(0.0, (0.0, 0.0), (0.0, 0.0), 0.0)
+        twist = make("geometry_msgs/msg/Twist")
+        if command is not STAND:
+            twist = convert.twist_message(command, velocity, heading, settings.robot, make)
+        self.cmd_vel.publish(stamp_twist(twist, t, settings.base_frame if settings.stamped else None))
 
 
 def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
-    """Run the node (with the actions `kinds`, if given) until SIGINT or SIGTERM, and stop the robot at the end."""
+    """Run the node (with the actions `kinds`, if given) until SIGINT, SIGTERM or SIGHUP, and stop the robot at the end."""
     over, node = False, None
 
     def end(*_: Any) -> None:
@@ -421,7 +408,10 @@ def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
         if node is not None and node.compiling and not before:  # which may take minutes, and nothing moves
             raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # which nohup wants
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, end) for number in numbers}
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         executor, node = SingleThreadedExecutor(), AntwayNode(kinds)
@@ -442,9 +432,18 @@ def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
         node.get_logger().info("ended while it compiled")
     finally:
         node.halt("shut down")
+        _deliver(node, executor)
         executor.shutdown()
         node.destroy_node()
         rclpy.shutdown()
         for number, handler in before.items():
             signal.signal(number, handler)
     return 0
+
+
+def _deliver(node: AntwayNode, executor: Any) -> None:
+    """Let the executor send the results of actions that have ended with the drive, for at most a second."""
+    until, more = time.monotonic() + 1.0, 3 * node.declared.configured
+    while more and time.monotonic() < until:
+        more = 3 if node.served.unanswered else more - 1  # a task makes a result, and others send it
+        executor.spin_once(timeout_sec=0.02)

@@ -111,3 +111,18 @@ def tracking(path: NDArray[np.float64], xy: XY, heading: float) -> Tracking:
     side = math.copysign(float(away[i]), float(step[i, 0] * to[i, 1] - step[i, 1] * to[i, 0]))
     left = float((1.0 - share[i]) * lengths[i] + lengths[i + 1 :].sum())
     return Tracking(i, side, wrap(math.atan2(step[i, 1], step[i, 0]) - heading), left)
+
+
+def length_after(path: NDArray[np.float64], xy: XY, within: float) -> float:
+    """Return the length of a path, float64[N, 2] in m, after the first of its vertices that is within `within` m of `xy`.
+
+    Before the first vertex that is so near, nothing counts; without one it is 0.
+
+    Examples
+    --------
+    >>> loop = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 0.0]])
+    >>> length_after(loop, (0.1, 0.0), 0.2), length_after(loop, (4.0, 2.9), 0.2)
+    (12.0, 5.0)
+    """
+    near = np.flatnonzero(np.hypot(*(path - xy).T) <= within)
+    return float(np.hypot(*np.diff(path[near[0] :], axis=0).T).sum()) if len(near) else 0.0

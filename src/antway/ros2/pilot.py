@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -23,12 +24,16 @@ from antway.ros2 import frames
 from antway.ros2.frames import Odometry, Pose
 from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
 from antway.ros2.markers import predictions, shades
-from antway.ros2.path import corridor, keeps_near
+from antway.ros2.path import corridor, keeps_near, length_after
 from antway.ros2.settings import Settings
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.robots import towards
 
 ODOMETRY, OBSTACLES = "odometry", "obstacles"
+GUARD_ENDED = "the guard's process has ended: deactivate, clean up, configure and activate the node, which starts another one"
+LATE = 2.0  # control periods; a robot brakes if odometry has not answered its last command for longer than this
+_LOOP = 5.0  # tolerances at the goal; a path that is longer than this, and ends where the robot is, is a loop
+SLOW = 1.5  # control periods; a robot stands if odometry comes, at the median, more slowly than this
 
 
 class Pilot:
@@ -58,6 +63,8 @@ class Pilot:
         self.last_decision: tuple[Decision, Decision] | None = None  # of the policy, and the same in the map's frame
         self.due = self.started = -math.inf  # s; when odometry is to be answered next, and when the policy started
         self.now = self.answered = -math.inf  # s of a steady clock; when odometry last arrived, and was last answered
+        self.gaps: deque[float] = deque(maxlen=11)  # s; between the stamps of the latest odometry
+        self.missed = 0  # number of control periods in which the robot brakes because odometry is late
         self._restart()
 
     def _restart(self) -> None:
@@ -113,19 +120,38 @@ class Pilot:
         self.goal = self.policy = self.turner = self.planning = None
         return self._hold(level, reason, done)
 
-    def silent(self, seconds: float) -> Answer | None:
-        """Answer that there was no odometry for this time; a stop that has since goes on without."""
-        dt = self.settings.robot.dt
-        if self._stopping and seconds > 1.5 * dt:
+    def silent(self, seconds: float, held: float) -> Answer | None:
+        """Brake if odometry is late; a stop that has begun continues.
+
+        There was no good odometry for `seconds` s of a steady clock. The last command that answers odometry was sent `held` s
+        ago, by a clock that is slow where the robot's is. It is certified for one control period. After two the robot brakes,
+        by one command in each, until odometry is back: so late it is lost, and does not just jitter.
+        """
+        dt, timeout = self.settings.robot.dt, self.settings.timeout
+        if self.goal is None and not self._stopping:
+            return None
+        over = max(held / dt - (1.5 if self._stopping else LATE), (seconds - timeout) / dt)
+        if over <= self.missed:
+            return None
+        self.missed = math.floor(over) + 1
+        if self._stopping:
             self.due += dt
             return self.brake()
-        if self.goal is None or seconds <= self.settings.timeout:
-            return None
+        if seconds <= timeout:
+            if self.command is STAND:
+                return None
+            if not isinstance(self.guard, GuardProcess):  # that brakes by itself
+                self.brake()
+            return self._hold(WARN, self._fault(ODOMETRY) or f"brake: no odometry for {LATE:g} control periods")
         self.brake()
-        reason = self._fault(ODOMETRY) or f"no odometry for {self.settings.timeout:g} s"
-        if self.goal.gives_up and seconds > self.settings.wait_timeout:
+        reason = self._fault(ODOMETRY) or f"no odometry for {timeout:g} s"
+        if self.goal is not None and self.goal.gives_up and seconds > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
         return self._hold(ERROR, reason)
+
+    def period(self) -> float:
+        """Return how far apart the stamps of odometry have been lately, s; 0 if that is not known."""
+        return float(np.median(self.gaps)) if len(self.gaps) > 2 else 0.0
 
     def _fault(self, what: str) -> str:
         """Return why odometry or obstacles were refused within the last `timeout`; empty if they were not."""
@@ -147,18 +173,31 @@ class Pilot:
             self.brake()
             self.due = -math.inf if self.guard is None else odometry.t + dt
             self._restart()
+            self.gaps.clear()
             return self._hold(WARN, f"odometry's clock jumped by {odometry.t - before.t:.3f} s")
-        if odometry.t < self.due - dt / 4:
+        if before is not None and odometry.t > before.t:
+            self.gaps.append(odometry.t - before.t)
+        every = self.period() > 0.9 * dt and not self._stopping  # odometry that jitters by more than a quarter, too
+        if odometry.t < self.due - dt / 4 and not every:
             return None
+        self.missed = 0
         self.due = (self.due if odometry.t - self.due < dt else odometry.t) + dt
         self.answered = now
         if self.goal is None or self._stopping:
             stood = self.guard is None
             answer = self.brake()
             return None if stood else answer
+        if (period := self.period()) > SLOW * dt:
+            reason = f"odometry comes each {period:.2f} s: commands are certified for robot.dt, {dt:g} s, and no longer"
+            return self._wait(odometry.t, ERROR, reason)
         return self._decide(self.goal, odometry)
 
     # Stopping
+
+    @property
+    def rests(self) -> bool:
+        """Whether the robot stands and has no goal."""
+        return self.goal is None and self.guard is None
 
     @property
     def _stopping(self) -> bool:
@@ -204,7 +243,11 @@ class Pilot:
     def _decide(self, goal: Goal, odometry: Odometry) -> Answer:
         """Return the command of a control period, or why the robot stands."""
         settings, t, xy = self.settings, odometry.t, odometry.xy
-        if math.dist(goal.xy, xy) <= settings.task["goal_tolerance"]:
+        tolerance = settings.task["goal_tolerance"]
+        if math.dist(goal.xy, xy) <= tolerance:
+            if self.policy is None and goal.path is not None and length_after(goal.path, xy, tolerance) > _LOOP * tolerance:
+                reason = "the path is refused: it ends where the robot is, and loops are not driven"
+                return self.drop(reason, End.REFUSED, ERROR)
             off = math.nan
             if settings.robot.wheels and settings.robot.turning_radius == 0.0:
                 off = wrap(goal.yaw - odometry.heading)
@@ -233,7 +276,7 @@ class Pilot:
                 if self.guard_process is not None:
                     self.guard_process.reset(planned.task)
             except BadInput as wrong:
-                return self._wait(t, ERROR, f"the robot cannot set out: {wrong}")
+                return self._wait(t, ERROR, self._guard_ended() or f"the robot cannot set out: {wrong}")
             self.policy, self.started, self.progress = planned, t, (math.nan, xy)
         self.waiting_since = math.nan
         # Planning may have taken long, so progress counts from the next odometry on.
@@ -288,10 +331,14 @@ class Pilot:
         self.guard = None if keeper is None or keeper.task.robot.stepwise else keeper
         if did == SILENT:
             self.guard = None
-            return self._wait(seen.t + start, ERROR, "the guard's process is silent")
+            return self._wait(seen.t + start, ERROR, self._guard_ended() or "the guard's process is silent")
         acts = command.acts(seen, self.settings.robot)
         self._send(acts)
         return replace(command, twist=acts) if self.settings.robot.wheels else command, did
+
+    def _guard_ended(self) -> str:
+        """Return what to do about a guard's process that has ended; empty if it runs, or is not used."""
+        return GUARD_ENDED if self.guard_process is not None and not self.guard_process.alive else ""
 
     def _send(self, pair: XY) -> None:
         """Record a command that does not act yet."""
@@ -317,7 +364,7 @@ class Pilot:
                 if self.guard_process is not None:
                     self.guard_process.reset(task)
             except BadInput as wrong:
-                return self._wait(t, ERROR, f"the robot cannot turn: {wrong}")
+                return self._wait(t, ERROR, self._guard_ended() or f"the robot cannot turn: {wrong}")
             self.turner = Guard()
             self.turner.reset(task)
         guard, self.waiting_since = self.turner, math.nan

@@ -133,10 +133,6 @@ class Laser:
         while self.trail[0][0] < t - 4.0 * self.longest:
             self.trail.popleft()
 
-    def period(self) -> float:
-        """Return how far apart the times of odometry have been lately, s; 0 if that is not known."""
-        return float(np.median(np.diff([t for t, _ in self.trail]))) if len(self.trail) > 1 else 0.0
-
     def middle(self, scan: tuple[float, Any]) -> float:
         """Return the time of the middle of a scan that waited, s."""
         return scan[0] - self._sweep(scan[1]) / 2
@@ -157,19 +153,25 @@ class Laser:
         return np.column_stack((x + cos * px - sin * py, y + sin * px + cos * py))
 
 
-def off_the_map(xy: NDArray[np.float64], grid: Grid, clear: float) -> NDArray[np.float64]:
-    """Return those of the points `xy`, float64[N, 2] in m, that are not part of the map.
+class Walls:
+    """Tells which points are part of a map: a blocked cell, or the map's edge, is within `clear` m along either axis."""
 
-    A point is part of the map if a blocked cell or the map's edge is within `clear` m along either axis.
-    """
-    near = clear / grid.resolution
-    steps = np.linspace(-near, near, 2 * math.ceil(near) + 1)  # at most a cell apart, so that none is skipped
-    around = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 1, 2)
-    cells = np.floor(grid.to_points(xy) + 0.5 + around).astype(np.int64)
-    inside: NDArray[np.bool_] = np.asarray(((cells >= 0) & (cells < grid.shape)).all(axis=2))
-    row, col = np.where(inside[..., None], cells, 0).transpose(2, 0, 1)
-    free: NDArray[np.bool_] = (inside & ~grid.blocked[row, col]).all(axis=0)
-    return xy[free]
+    def __init__(self, grid: Grid, clear: float) -> None:
+        self.grid, self.near = grid, clear / grid.resolution
+        rows, cols = grid.shape
+        self.before = np.zeros((rows + 1, cols + 1), np.int32)  # numbers of blocked cells in lower rows and columns
+        np.cumsum(grid.blocked, axis=0, out=self.before[1:, 1:])
+        np.cumsum(self.before, axis=1, out=self.before)
+
+    def off(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return those of the points `xy`, float64[N, 2] in m, that are not part of the map."""
+        at = self.grid.to_points(xy) + 0.5
+        low, high = (np.floor(at + side).astype(np.int64) for side in (-self.near, self.near))
+        inside = ((low >= 0) & (high < self.grid.shape)).all(axis=1)
+        (y0, x0), (y1, x1), before = low[inside].T, high[inside].T + 1, self.before
+        blocked = before[y1, x1] - before[y0, x1] - before[y1, x0] + before[y0, x0]
+        free: NDArray[np.float64] = xy[inside][blocked == 0]
+        return free
 
 
 def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:

@@ -37,7 +37,7 @@ _OWN: dict[str, tuple[Any, str]] = {
     "planner_id": ("GridBased", "Name of that planner for compute_path_to_pose, besides the names of all planners."),
     "controller_id": ("FollowPath", "Name of this controller for follow_path."),
     "plan_time": (5.0, "s; time limit of a plan."),
-    "timeout": (0.5, "s; the robot stops if odometry, obstacles or tf are silent for this time."),
+    "timeout": (0.5, "s; the robot stands if obstacles or tf are silent, or odometry is silent or old, for this time."),
     "corridor": (2.0, "m; how far the robot may leave the path of follow_path to avoid obstacles."),
     "wait_timeout": (5.0, "s; follow_path fails if the robot must wait longer for map, odometry or obstacles."),
     "progress_radius": (0.5, "m; distance that the robot must move within progress_time, or follow_path fails."),

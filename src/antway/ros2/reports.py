@@ -1,0 +1,70 @@
+"""What the node reports, on its log and on diagnostics."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from typing import Any
+
+from antway.ros2.goals import ERROR, OK, WARN
+from antway.ros2.messages import make
+
+SHOWN = 5.0  # s; for how long a trouble is shown on diagnostics beside what the node does
+
+
+class Reports:
+    """The log and the diagnostics of `node`; `publisher` sends a diagnostic_msgs/msg/DiagnosticArray, None: nothing does."""
+
+    def __init__(self, node: Any, publisher: Any) -> None:
+        self.node, self.publisher = node, publisher
+        self.last = OK, ""  # level and reason
+        self.trouble = -math.inf, OK, ""  # when it occurred (steady, s), level and reason
+        self.logged = dict[str, float]()  # warnings and errors without their numbers, and when they were logged, s
+
+    def say(self, level: int, reason: str) -> None:
+        """Log what the node does or why it stands, and publish it on diagnostics, if that is new.
+
+        An error that is the same but for its numbers is new after a second.
+        """
+        if (level, reason) == self.last:
+            return
+        self.last = level, reason
+        if level == ERROR and not self._is_new(reason):
+            return
+        self._log(level, reason)
+        self.publish()
+
+    def add(self, level: int, reason: str) -> None:
+        """Report a trouble beside what the node does; diagnostics show it for 5 s."""
+        self.trouble = time.monotonic(), level, reason
+        if self._is_new(reason):
+            self._log(level, reason)
+            self.publish()
+
+    def _is_new(self, reason: str) -> bool:
+        """Tell whether a reason, but for its numbers, was not logged within the last second."""
+        now = time.monotonic()
+        self.logged = {words: then for words, then in self.logged.items() if now < then + 1.0}
+        return self.logged.setdefault(re.sub(r"[\d.]+", "", reason), now) >= now
+
+    def _log(self, level: int, reason: str) -> None:
+        log = self.node.get_logger()
+        if level == ERROR:  # rclpy wants one line of code for each severity
+            log.error(reason)
+        elif level == WARN:
+            log.warning(reason)
+        else:
+            log.info(reason)
+
+    def publish(self) -> None:
+        """Publish what was reported last on diagnostics, with the trouble of the last 5 s."""
+        if self.publisher is None or not self.node.active:
+            return
+        (level, reason), (then, worse, trouble) = self.last, self.trouble
+        if time.monotonic() <= then + SHOWN:
+            level, reason = max(level, worse), f"{reason} ({trouble})"
+        name = self.node.get_fully_qualified_name().lstrip("/")  # which of several robots, each in its namespace
+        status = make("diagnostic_msgs/msg/DiagnosticStatus", level=bytes([level]), name=name, message=reason, hardware_id="")
+        now = make("std_msgs/msg/Header", stamp=self.node.get_clock().now().to_msg())
+        self.publisher.publish(make("diagnostic_msgs/msg/DiagnosticArray", header=now, status=[status]))
