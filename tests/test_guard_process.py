@@ -19,7 +19,7 @@ import pytest
 from antway import BadInput, Command, Grid, Observation, Outcome, RobotSpec, Task, Tracks
 from antway.policies import guard_process
 from antway.policies.guard import Guard
-from antway.policies.guard_memory import MAX_TRACKS, Link
+from antway.policies.guard_memory import MAX_TRACKS, SIDES, SIZE, Link
 from antway.policies.guard_process import GuardProcess
 from common import cases
 from guard_drives import PERIOD, drives
@@ -263,3 +263,51 @@ def test_wrong_settings_raise(wrong: dict) -> None:
     """They are refused before a process starts, or end it."""
     with pytest.raises(BadInput):
         GuardProcess(**{"task": TASK} | wrong)
+
+
+def _link(folder: Path) -> Link:
+    """Return the robot's side of a memory of its own."""
+    (folder / "memory").write_bytes(bytes(SIZE))
+    for side in SIDES:
+        os.mkfifo(folder / side)
+    return Link(str(folder), "robot")
+
+
+def test_an_answer_that_is_given_anew_while_it_is_read_is_not_mixed(tmp_path: Path) -> None:
+    """The guard answers the same number again while it brakes; half of the one answer with half of the other is none."""
+    robot, guard = _link(tmp_path), Link(str(tmp_path), "guard")
+    guard.reply(7, Command(twist=(1.0, 0.5)), "free")
+    record = robot.views["answer"]
+
+    class Torn:
+        def tolist(self) -> list[float]:
+            first = [record[i].item() for i in range(5)]
+            guard.reply(7, Command(twist=(0.0, -1.0)), "braked")
+            return first + [record[i].item() for i in range(5, len(record))]
+
+    robot.views["answer"] = Torn()
+    assert robot.replied(7) is None or robot.replied(7).command.twist == (0.0, -1.0)
+    robot.views["answer"] = record
+    assert robot.replied(7).command.twist == (0.0, -1.0)
+    robot.close()
+    guard.close()
+
+
+def test_nothing_is_left_where_a_guard_cannot_start_or_its_folder_is_gone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """No folder after a process that does not start, and no open file after a planner whose guard has ended."""
+    made: list[str] = []
+    real = guard_process.tempfile.mkdtemp
+    monkeypatch.setattr(guard_process.tempfile, "mkdtemp", lambda **kind: made.append(real(**kind)) or made[-1])
+    monkeypatch.setattr(guard_process.subprocess, "Popen", lambda *_, **__: (_ for _ in ()).throw(OSError("no process")))
+    opened = len(os.listdir("/proc/self/fd"))
+    with pytest.raises(OSError, match="no process"):
+        GuardProcess(TASK)
+    assert made and not os.path.exists(made[0])
+    folder = tmp_path / "guard"
+    folder.mkdir()
+    _link(folder).close()
+    monkeypatch.setattr(guard_process.os.path, "exists", lambda _: False)
+    guard_process.plan_for(str(folder), None)
+    assert len(os.listdir("/proc/self/fd")) == opened
