@@ -28,7 +28,7 @@ from antway.policies.guard import Guard
 from antway.ros2 import convert
 from antway.ros2.goals import Goal
 from antway.ros2.pilot import Pilot
-from antway.ros2.scan import Tracker, Walls, discs, nameless, read_points
+from antway.ros2.scan import Tracker, Walls, discs, read_points, without_ids
 from antway.ros2.settings import Settings, defaults
 from antway.web.session import Session
 from antway.world.episode import Episode
@@ -122,7 +122,7 @@ def message(case: dict[str, Any]) -> None:
         try:
             scan, _ = read_points(SimpleNamespace(**one["scan"]), 0.2)
             points = Walls(ROOM, 0.1).off(scan + 2.0)
-            tracker.update(t, nameless(discs(points, gap=0.3, largest=0.8)))
+            tracker.update(t, without_ids(discs(points, gap=0.3, largest=0.8)))
         except BadInput:
             pass
         tracks = Tracks.none()

@@ -215,6 +215,14 @@ def test_a_guard_rests_when_it_is_told_to(process: GuardProcess) -> None:
     assert process.limit(process.observe(seen(1.0)), Command((0.5, 0.0))).did == "free"
 
 
+@pytest.fixture
+def importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the guard's process import this file, for the drivers in it."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path for path in sys.path if path))
+
+
+@pytest.mark.usefixtures("importable")
 def test_a_guard_that_hung_leaves_the_robot_standing(tmp_path: Path) -> None:
     """What it still emits when it goes on, after it was told to rest, is followed by the command to stand.
 
@@ -238,6 +246,7 @@ def test_a_guard_that_hung_leaves_the_robot_standing(tmp_path: Path) -> None:
         assert speeds == [1.0, 1.0, 0.0]
 
 
+@pytest.mark.usefixtures("importable")
 def test_a_command_is_sent_before_it_is_told(tmp_path: Path) -> None:
     """Who learns of an answer may tell the robot to stand: that may not come before the command that it ends."""
     told_to = tmp_path / "told"

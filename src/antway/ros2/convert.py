@@ -68,8 +68,8 @@ def pose_message(x: float, y: float, yaw: float, make: Make = plain) -> Any:
 
 
 def read_pose(pose: Any, *, where: str = "pose") -> tuple[float, float, float]:
-    """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuse one that is not finite, beyond limits, or tilted."""
-    x, y = _place(pose.position, where)
+    """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuse a pose that is not finite or is tilted."""
+    x, y = (checks.number(f"position.{n}", getattr(pose.position, n), where=where) for n in "xy")
     q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), where=where) for n in "xyzw"]
     if abs(math.hypot(q[2], q[3]) - 1.0) > _TILT:
         raise BadParameter("orientation", tuple(q), "a unit quaternion of a turn about z", where=where)
@@ -262,8 +262,10 @@ def read_path(message: Any) -> NDArray[np.float64]:
     xy = np.array([(p.x, p.y) for p in places], np.float64).reshape(-1, 2)
     q = np.array([(q.x, q.y, q.z, q.w) for q in turns], np.float64).reshape(-1, 4)
     sound = (abs(xy) <= MAX_PLACE).all(axis=1) & np.isfinite(q).all(axis=1) & (abs(np.hypot(q[:, 2], q[:, 3]) - 1.0) <= _TILT)
-    for i in np.flatnonzero(~sound).tolist():
-        read_pose(message.poses[i].pose, where=f"Path.poses[{i}]")  # says what is wrong
+    for i in np.flatnonzero(~sound).tolist():  # these say what is wrong
+        where = f"Path.poses[{i}]"
+        _place(places[i], where)
+        read_pose(message.poses[i].pose, where=where)
     return xy
 
 
