@@ -60,6 +60,8 @@ def best_routes(
 ) -> list[Order]:
     """Search for the best routes of all robots until they cost `least`, time is up or `cycles` of 100 iterations are done.
 
+    `least` is a lower bound, s; -inf where none is known, and then no cost is compared with it.
+
     An annealing ends in one local optimum, and slower cooling helps little. If the budget allows, there are several, each from
     its own routes. If stops that must be visited fit nowhere, the last quarter of the time is theirs; see `_complete`.
     """
@@ -96,7 +98,7 @@ def best_routes(
         temperature = step * hot * (_COLD / hot) ** (used * runs - run)
         kernel.anneal(fleet, scratch, current, best, record, drawn(done + 1), _ITERATIONS, temperature)
         done += 1
-        if record[kernel.BEST_COST] < cost:
+        if math.isfinite(least) and record[kernel.BEST_COST] < cost:
             cost = record[kernel.BEST_COST]
             if (best.route[1:-1] != kernel.OUT).all() and stops.cost(_orders(stops, rows, best)) <= least * _SAME:
                 break

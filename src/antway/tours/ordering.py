@@ -139,7 +139,7 @@ def order_stops(
         assert known is not None
         known = [improved_order(stops, known[0])]
     quick = quick or (budget.seconds is not None and budget.seconds < _PREPARATION * len(stops.matrix) ** 3)
-    proven, pheromone, least = False, None, 0.0
+    proven, pheromone, least = False, None, -math.inf
     if stops.robots > 1 or stops.priorities is not None:
         if stops.priorities is None and not quick and len(stops.matrix) <= _SOON:
             least = lower_bound(stops)
@@ -160,7 +160,7 @@ def order_stops(
     elif proven and answer.feasible:
         bound = answer.cost * (1.0 - _NEAR)
     else:
-        bound = (least or lower_bound(stops)) if math.isfinite(answer.cost) else 0.0
+        bound = (least if math.isfinite(least) else lower_bound(stops)) if math.isfinite(answer.cost) else 0.0
     return replace(answer, bound=bound, gap=_gap(stops, answer.cost, answer.collected, bound))
 
 
