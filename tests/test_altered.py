@@ -135,3 +135,22 @@ def test_contacts_between_samples_are_seen(kind: str) -> None:
         flies = Timeline.of([7], [1e-4], [([when - 0.1, when + 0.1], [(x, -0.1), (x, 0.11)])])
         with pytest.raises(InvalidPlan, match="passes through obstacle 7 in step 3"):
             check_episode(replace(trace, timeline=flies, sensed=np.zeros((len(trace.t), 1), dtype=bool)))
+
+
+@pytest.mark.parametrize(
+    ("robot", "command"),
+    [
+        (RobotSpec(a_max=30.0, dt=0.5), Command((1.0, 0.3))),
+        (RobotSpec(drive="differential", a_max=1.0, alpha_max=100.0, dt=0.5), Command(twist=(0.5, 1.5))),
+        (RobotSpec(drive="ackermann", a_max=30.0, alpha_max=90.0, turning_radius=0.5, dt=0.5), Command(twist=(0.9, 1.5))),
+    ],
+)
+def test_ramps_that_end_within_a_small_step_are_right(robot: RobotSpec, command: Command) -> None:
+    """The check drives long periods in steps of 1.25 ms; quick ramps end within one of them."""
+
+    class Turns(Straight):
+        def act(self, o) -> Command:
+            return command if round(o.t) % 2 else Command(twist=(0.1, -0.3)) if robot.wheels else Command((0.0, 0.2))
+
+    hall = World(Grid(np.zeros((40, 40), dtype=bool), 0.25))
+    check_episode(run(Scenario(hall, (4.0, 4.0), (9.0, 9.0), robot, horizon=4.0), Turns()))

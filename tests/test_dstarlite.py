@@ -181,3 +181,19 @@ def test_refuses_what_makes_no_sense() -> None:
         robot.plan(5)  # type: ignore[arg-type]
     with pytest.raises(BadParameter, match="moves"):
         DStarLite(replace(problem, moves=Moves.SIXTEEN))
+
+
+def test_time_counts_from_before_the_set_up(monkeypatch) -> None:
+    """The arrays of a large map take seconds; they used to be free."""
+    late = threading.Event()
+
+    class Slow(DStarLite):
+        def __init__(self, problem: Problem) -> None:
+            super().__init__(problem)
+            late.set()
+
+    monkeypatch.setattr(module, "DStarLite", Slow)
+    problem = Problem(Grid(np.zeros((9, 9), dtype=bool)), (0, 0), (8, 8))
+    clock = Budget(seconds=0.0)
+    assert dstarlite(problem, budget=clock).status is Status.BUDGET
+    assert dstarlite(problem, budget=Budget(cancel=late)).status is Status.BUDGET

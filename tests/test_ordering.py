@@ -391,6 +391,18 @@ def test_times_of_routes_stay_right() -> None:
         assert record[kernel.COST] == pytest.approx(last + 1e-4 * total + 99.0 * (n - 2 - len(stops)))
 
 
+@pytest.mark.parametrize("more", [{"robots": 2}, {"priorities": [1, 0, 1, 2, 2]}])
+def test_routes_that_become_late_by_waiting_are_late(more: dict) -> None:
+    """A stop that is on the way, in times without triangle inequality, is left out: the next one opens after it must begin."""
+    matrix = [[0, 9, 51, 49, 56], [9, 0, 66, 22, 48], [51, 66, 0, 4, 33], [49, 22, 4, 0, 14], [56, 48, 33, 14, 0]]
+    windows = [[140, 140], [0, 0], [66, 66], [0, math.inf], [0, math.inf]]
+    for cycles in (1, 2, 30):
+        answer = order_stops(matrix, start=1, end=0, windows=windows, cycles=cycles, **more)
+        assert answer.feasible and answer.lateness == 0.0 and set(np.concatenate(answer.orders).tolist()) == set(range(5)), (
+            cycles
+        )
+
+
 @pytest.mark.parametrize(
     ("more", "field"),
     [

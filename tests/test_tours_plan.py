@@ -208,6 +208,7 @@ BROKEN: dict[str, Callable[[TourPlan], TourPlan]] = {
     r"states a cost": lambda t: replace(t, cost=t.cost - 1e-3),
     r"states a sum of priorities": lambda t: replace(t, collected=1.0),
     r"states a gap": lambda t: replace(t, gap=-5.0),
+    r"states a gap of 0.0; it is inf": lambda t: replace(t, bound=0.0, gap=0.0),
     r"lateness of 0.0; it is 157": late,
     r"lateness of 0.0; it is 2.9": closed_early,
     r"is called feasible and is .* late": lambda t: late(t, lateness=t.duration / 2),

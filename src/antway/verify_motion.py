@@ -205,10 +205,13 @@ class Again:
 def dynamic_faults(again: Again) -> Iterator[str]:
     """Yield where the trace does not follow limits and commands, and where the robot passes through something."""
     trace, (_, states, speeds) = again.trace, again.cycles
-    if np.hypot(*(states[:, -1, :2] - trace.xy[1:]).T).max(initial=0.0) > 5 * _NEAR:
+    spec, wheels = trace.task.robot, trace.task.robot.drive != "holonomic"
+    # A ramp that ends within one of the small steps is taken as one over the whole step.
+    turns = _finite(spec.alpha_max) * _finest(spec) ** 2 if wheels else 0.0
+    moves = _finite(max(spec.a_max, braking(spec))) * _finest(spec) ** 2 + spec.v_max * spec.dt * turns
+    if np.hypot(*(states[:, -1, :2] - trace.xy[1:]).T).max(initial=0.0) > 5 * _NEAR + moves:
         yield "a place is not where its command leads"
-    wheels = trace.task.robot.drive != "holonomic"
-    turned = np.abs(angle(states[:, -1, 2] - trace.heading[1:])) > 5 * _NEAR if wheels else not_along(trace)
+    turned = np.abs(angle(states[:, -1, 2] - trace.heading[1:])) > 5 * _NEAR + turns if wheels else not_along(trace)
     if turned.any():
         yield "a heading is not where its command turns it"
     yield from _speed_faults(trace, speeds)
@@ -235,11 +238,15 @@ def _speed_faults(trace: Trace, speeds: Floats) -> Iterator[str]:
     else:
         yield from exceeds("is faster than v_max", np.hypot(*recorded.T), spec.v_max, trace.t, "m/s")
     # The last step may end anywhere within a ramp.
-    finest = spec.dt / _STEPS / 4
     change = max(spec.a_max, braking(spec))
-    slack = _NEAR + finest * np.array([_finite(change), _finite(spec.alpha_max if wheels else change)])
+    slack = _NEAR + _finest(spec) * np.array([_finite(change), _finite(spec.alpha_max if wheels else change)])
     if (np.abs(speeds - recorded[1:]) > slack).any():
         yield "a speed is not what its command leads to"
+
+
+def _finest(spec: RobotSpec) -> float:
+    """Return the time of the longest of the small steps, s."""
+    return spec.dt / _STEPS / 4
 
 
 def _finite(limit: float) -> float:

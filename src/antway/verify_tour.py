@@ -164,5 +164,5 @@ def _sum_faults(tour: TourPlan, late: float, driven: float, done: float) -> Iter
     if math.isnan(tour.bound) or tour.bound < 0 or (tour.feasible and least > best * (1 + _NEAR) + near):
         yield f"has a bound of {tour.bound!r} that its own {'priorities' if task.priorities is not None else 'cost'} contradict"
     gap = 0.0 if best <= least else best / least - 1.0 if least > 0.0 else math.inf
-    if gap != tour.gap and not abs(gap - tour.gap) <= _NEAR * (1.0 + gap):
+    if not math.isclose(gap, tour.gap, rel_tol=_NEAR, abs_tol=_NEAR):
         yield f"states a gap of {tour.gap!r}; it is {gap!r}"

@@ -36,8 +36,8 @@ def check_tsptw(
     BadParameter
         For arguments of a wrong type, or an unknown objective.
     InvalidPlan
-        If a node is missing or visited twice, a window is missed, or the cost differs. Numbers count as their shortest decimal
-        representations, so that sums are exact.
+        If a node is missing or visited twice, a window is missed by more than 1e-11 of the time, or the cost differs. Numbers
+        count as their shortest decimal representations, so that sums are exact.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def check_tsptw(
         earliest, latest = (float(end) for end in instance.windows[there])
         travelled += step
         now = max(now + step, Fraction(repr(earliest)))
-        if feasible and latest != float("inf") and now > Fraction(repr(latest)):
+        if feasible and latest != float("inf") and now - Fraction(repr(latest)) > Fraction(1, 10**11) * (1 + now):
             faults.append(f"node {there} is reached at {float(now)}, after {latest}")
     total = now if objective == "makespan" else travelled
     if cost is not None and abs(Fraction(cost) - total) > Fraction(1, 10**9) * (1 + total):

@@ -95,6 +95,8 @@ def _memory(net: Mesh, nodes: int) -> polyanya.Memory:
 
 
 def _polyanya(problem: Problem, clock: Clock) -> Plan:
+    if clock.spent():
+        return not_found(False, 0, clock)
     net = kept(problem.grid, "mesh", lambda: _mesh(problem.grid))
     (sr, sc), (gr, gc) = problem.start, problem.goal
     first, last = net.polygon_at[sr, sc], net.polygon_at[gr, gc]

@@ -12,7 +12,7 @@ from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Cell
 from antway.kernels.search.canonical import NEED
 from antway.kernels.search.dstarlite import EXPANDED, GOAL, INF, START, DStar, change, compute, descend, initialize, move
-from antway.planning import Budget, Plan, Problem, start_clock
+from antway.planning import Budget, Clock, Plan, Problem, start_clock
 from antway.search.derived import NEIGHBOURS
 from antway.search.result import found_shortest, not_found
 
@@ -42,8 +42,8 @@ def dstarlite(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> 
     >>> dstarlite(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 1))).length
     2.414213562373095
     """
-    start_clock(problem, seed, budget)
-    return DStarLite(problem).plan(budget)
+    clock = start_clock(problem, seed, budget)
+    return DStarLite(problem).plan_until(clock)
 
 
 class DStarLite:
@@ -161,7 +161,10 @@ class DStarLite:
 
         If the budget runs out, the next call continues the search.
         """
-        clock = checks.instance("budget", budget, Budget).start()
+        return self.plan_until(checks.instance("budget", budget, Budget).start())
+
+    def plan_until(self, clock: Clock) -> Plan:
+        """Plan as `plan` does, until a clock that runs already is spent."""
         state = self._search.state
         state[EXPANDED] = 0
         done = False

@@ -24,6 +24,7 @@ from antway.tours.windowed import Path, search
 
 MAX_BYTES = 64_000_000
 MAX_NODES = 1_000
+_ROUNDING = Fraction(1, 10**11)  # share of the time; a vehicle that is late by less is in time, as sums of floats are rounded
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +80,7 @@ class TsptwResult:
     cost : float
         The objective: the sum of times along the closed tour, or the time of the return to the depot.
     feasible : bool
-        Whether no window is missed.
+        Whether no window is missed, but for 1e-11 of the time, which sums of numbers such as sqrt(2) are wrong by.
     lateness : float
         Sum of the delays of arrivals after the ends of windows; 0.0 if feasible.
     conflict : tuple of int
@@ -204,7 +205,8 @@ def evaluate(instance: Tsptw, order: NDArray[np.int32], makespan: bool) -> tuple
     for here, there in pairwise(closed):
         opens, closes = instance.windows[there]
         now = max(now + exact(instance.matrix[here, there]), exact(opens))
-        late += max(now - exact(closes), Fraction(0)) if closes < math.inf else 0
+        if closes < math.inf and now - exact(closes) > _ROUNDING * (1 + now):
+            late += now - exact(closes)
     return float(now) if makespan else math.fsum(instance.matrix[closed[:-1], closed[1:]]), float(late)
 
 

@@ -85,8 +85,9 @@ def objective(fleet: Fleet, r: Routes) -> tuple[float, float]:
     cost, worth, last = 0.0, 0.0, 0.0
     for k in range(len(r.sizes)):
         cost += fleet.sum_weight * r.travel[k]
-        if r.ready[k, 0] > r.latest[k, 0] + NEAR * (1.0 + r.ends[k]):
-            cost = np.inf
+        for p in range(r.sizes[k]):
+            if r.ready[k, p] > fleet.closes[r.stops[k, p]] + NEAR * (1.0 + r.ends[k]):
+                cost = np.inf
         last = max(last, r.ends[k])
     cost += fleet.last_weight * last
     for stop in range(1, len(r.route) - 1):
