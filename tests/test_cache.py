@@ -47,6 +47,33 @@ def test_kernels_are_kept_by_version_beside_an_installed_package(installed: Path
     assert list(Path(folder).rglob("*.nbi"))
 
 
+@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+@pytest.mark.parametrize("chosen", [False, True])
+def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(installed: Path, tmp_path: Path, chosen: bool) -> None:
+    """As after an upgrade: Numba looks at the kernel's own file alone, and went on with the old code."""
+    kernels, head = installed / "antway" / "kernels", "from antway.kernels.base.jit import kernel\n"
+    (kernels / "outer.py").write_text(
+        f"{head}from antway.kernels.robot.inner import more\n\n@kernel\ndef outer(x):\n    return more(x)\n"
+    )
+    given = {"PATH": os.environ["PATH"], "PYTHONPATH": str(installed), "HOME": str(tmp_path)}
+    given |= {"NUMBA_CACHE_DIR": str(tmp_path / "chosen")} if chosen else {}
+    program = [sys.executable, "-c", "from antway.kernels.outer import outer; print(outer(1.0))"]
+    for amount in (1.0, 2.0):
+        (kernels / "robot" / "inner.py").write_text(f"{head}\n@kernel\ndef more(x):\n    return x + {amount}\n")
+        done = subprocess.run(program, env=given, capture_output=True, text=True, check=True)
+        assert float(done.stdout) == 1.0 + amount
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs permissions of files")
+def test_a_chosen_folder_that_cannot_be_written_is_not_used(installed: Path, tmp_path: Path) -> None:
+    """Then the usual folders keep kernels; it was a traceback of Numba's."""
+    (tmp_path / "file").write_text("a file where a folder would be: not even root can write in it")
+    folder = run(installed, HOME=str(tmp_path), NUMBA_CACHE_DIR=str(tmp_path / "file"))
+    assert folder.startswith(str(installed)) and list(Path(folder).rglob("*.nbi"))
+    assert run(installed, HOME=str(tmp_path), NUMBA_CACHE_DIR=str(tmp_path / "good")) == ""
+    assert list((tmp_path / "good").rglob("*.nbi"))
+
+
 def test_without_home_and_a_writable_package_kernels_are_kept_in_a_temporary_folder(installed: Path, tmp_path: Path) -> None:
     """As user nobody in a container: no RuntimeError, and compiled once, for the next process finds them."""
     (installed / "antway" / "__pycache__").write_text("a file where a folder would be: not even root can write in it")

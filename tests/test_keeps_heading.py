@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from antway import Grid, Outcome, RobotSpec, Scenario, Task, World, check_episode, run
+from antway import Grid, Moves, Outcome, RobotSpec, Scenario, Task, World, check_episode, run
 from antway.kernels.robot.brake import fits_at
-from antway.policies.antway.nodes import is_turned
+from antway.policies.antway.nodes import contexts_for, is_turned
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.policy import Observation, Tracks
 from antway.world.robots import load_robot
@@ -101,3 +101,21 @@ def test_where_a_footprint_fits_is_where_it_is_clear_of_walls() -> None:
         seen[0] += (~fits).sum()
         seen[1] += fits.sum()
     assert min(seen) > 300
+
+
+def test_no_move_leads_over_a_place_where_the_footprint_does_not_fit() -> None:
+    """Moves of 32 directions are up to 3.6 nodes long; a time to the goal over such a place led the robot to stand before it."""
+    rng, moves, legal = np.random.default_rng(6), Moves.THIRTY_TWO, 0
+    for _ in range(cases(4, 200)):
+        blocked = rng.random((60, 80)) < 0.01
+        blocked[:15, :15] = blocked[45:, 65:] = False
+        task, heading = Task(Grid(blocked, 0.1), LONG, (0.75, 0.75), (7.25, 5.25)), rng.uniform(-1.5, 1.5)
+        context = contexts_for(task, moves, heading)[0][1]
+        fits = np.empty((context.rows, context.cols), np.bool_)
+        fits_at(context.x0, context.y0, context.resolution, heading, body_of(LONG), walls_of(task.grid), fits)
+        for row, col in np.argwhere(context.legal.reshape(fits.shape)).tolist():
+            for k, between in enumerate(moves.touched):
+                if context.legal[row * context.cols + col] >> np.uint32(k) & np.uint32(1):
+                    legal += 1
+                    assert fits[row, col] and all(fits[row + dr, col + dc] for dr, dc in between)
+    assert legal > 1000

@@ -17,6 +17,7 @@ import typer
 
 from antway import commands
 from antway.console import (
+    FAULT,
     Json,
     MapFile,
     MovesName,
@@ -276,6 +277,8 @@ def bench_command(
     """Compare policies on a suite of worlds.
 
     They are measured against an optimum that knows the future. A run that was stopped continues where it was.
+
+    Exit status: 1 if a policy raised an error in all episodes, or in all of a level.
     """
     from dataclasses import asdict
     from importlib.util import find_spec
@@ -289,6 +292,7 @@ def bench_command(
         return commands.compare_ants(10 if episodes is None else episodes, out, json)
     from antway import checks
     from antway.arena import engines
+    from antway.arena.causes import errors
     from antway.arena.store import EXPORTS, Results, export
     from antway.arena.suites import episodes as episodes_of
     from antway.arena.summary import markdown, summarise
@@ -315,13 +319,15 @@ def bench_command(
             text = "\n".join(f"## {suite}\n\n{markdown(played)}" for suite, played in suites.items())
             (out / "summary.md").write_text(text, encoding="utf-8")
             write_report(results, out / "report.html")
-    table = summarise(rows, names)
+    table = summarise(rows, list(dict.fromkeys(job.key[2] for job in jobs)))
     if json:
         print_json({"suite": jobs[0].episode.suite, "summaries": [asdict(one) for one in table], "out": str(out)})
     else:
         print_summaries(table)
         print(f"results, tables and report in {out}")
-    return 0
+    for line in errors(rows):
+        say(line)
+    return FAULT if any(one.outcomes["error"] == one.episodes for one in table) else 0
 
 
 @app.command("warmup")
@@ -340,7 +346,7 @@ def warmup_command(
     started = time.perf_counter()
     for what, seconds in warm_up(kinds or WARM, workers=os.cpu_count() or 1 if workers is None else workers):
         say(f"{what}: {seconds:.1f} s")
-    folder = os.environ.get("NUMBA_CACHE_DIR") or cache_folder() or "the folders __pycache__"
+    folder = cache_folder() or os.environ.get("NUMBA_CACHE_DIR") or "the folders __pycache__"
     print(f"ready after {time.perf_counter() - started:.0f} s; kernels in {folder}")
     return 0
 

@@ -38,6 +38,17 @@ def _from_footprint(point: np.ndarray, corners: Corners) -> float:
     return min(math.dist(point, p + share * (q - p)) for share, (p, q) in zip(along, edges))
 
 
+def _shares(parts: int) -> list[float]:
+    return [(k + 1) / parts for k in range(parts)]
+
+
+def _footprint_wall(xy: np.ndarray, theta: float, field: StaticField) -> float:
+    """Distance in m from walls of the disc around a footprint or, if that is more, of the smaller discs that cover it."""
+    centres = xy + field.discs[:, :2] @ turned(theta)
+    smaller = min(bilinear(field.wall, *at, field.wall_frame) + less for at, less in zip(centres, field.discs[:, 2]))
+    return max(bilinear(field.wall, *xy, field.wall_frame), smaller)
+
+
 def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()) -> float:
     """The cost as its definition says it, of a robot that drives exactly."""
     state, limits, dt, field, outlook, w, batch = problem
@@ -52,11 +63,10 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
             theta = heading = state.theta
         decay = math.exp(-w.decay * k * dt)
         wall = bilinear(field.wall, x, y, field.wall_frame)
-        if len(field.discs):
-            centres = [x, y] + field.discs[:, :2] @ turned(theta)
-            wall = max(
-                wall, min(bilinear(field.wall, *at, field.wall_frame) + less for at, less in zip(centres, field.discs[:, 2]))
-            )
+        if len(field.discs):  # every 2 cm that its farthest corner moves
+            turn = math.remainder(theta - heading, math.tau)
+            parts = max(math.ceil((math.dist((x, y), before) + abs(turn) * field.box[4]) / 0.02), 1)
+            wall = min(_footprint_wall(before + s * ([x, y] - before), heading + s * turn, field) for s in _shares(parts))
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
         elif wall < w.wall_margin + w.wall_range:

@@ -42,6 +42,19 @@ def with_cause(trace: Trace) -> str:
     return f"{trace.reason}{_SPLIT}{why}" if why else trace.reason
 
 
+def errors(rows: Iterable[Row]) -> list[str]:
+    """Return a line for each policy that ended episodes with an error: in how many, and the reason of the first."""
+    by: dict[str, list[Row]] = {}
+    for row in rows:
+        by.setdefault(row.policy, []).append(row)
+    failed = {policy: [row.reason for row in mine if row.outcome == Outcome.ERROR.value] for policy, mine in by.items()}
+    return [
+        f"policy {policy} failed in {len(reasons)} of {len(by[policy])} episodes; first: {reasons[0]}"
+        for policy, reasons in failed.items()
+        if reasons
+    ]
+
+
 def by_cause(rows: Iterable[Row]) -> dict[str, int]:
     """Return the number of failed episodes for each cause, the most frequent first.
 

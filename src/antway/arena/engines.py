@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import multiprocessing
 import os
@@ -17,6 +18,7 @@ from importlib.util import find_spec
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -42,15 +44,16 @@ Answer = tuple[Row, str]  # the row, and the JSON of the trace if the episode fa
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One episode to be played by one policy."""
+    """One episode to be played by one policy; `label` is the policy's name in rows, if that is another one."""
 
     episode: Episode
     policy: str
+    label: str = ""
 
     @property
     def key(self) -> Key:
         """The key of its row."""
-        return self.episode.suite, self.episode.name, self.policy, self.episode.seed, __version__
+        return self.episode.suite, self.episode.name, self.label or self.policy, self.episode.seed, __version__
 
     def failed(self, outcome: Outcome, reason: str) -> Answer:
         """Return the row of an episode that could not be played to the end."""
@@ -299,6 +302,15 @@ def ray(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]:
             cluster.shutdown()
 
 
+def _label(policy: str) -> str:
+    """Return a policy's name, and for MODULE:CLASS a hash of that file, so that rows of an earlier state do not count."""
+    module, colon, _ = policy.partition("/")[0].partition(":")
+    spec = find_spec(module) if colon else None
+    if spec is None or spec.origin is None or not Path(spec.origin).is_file():
+        return policy
+    return f"{policy}-{hashlib.blake2b(Path(spec.origin).read_bytes(), digest_size=4).hexdigest()}"
+
+
 def table_jobs(episodes: Iterable[Episode], policies: Iterable[str]) -> list[Job]:
     """Return the jobs of all policies on all episodes. `oracle` is not needed: every row has its optimum.
 
@@ -312,4 +324,5 @@ def table_jobs(episodes: Iterable[Episode], policies: Iterable[str]) -> list[Job
         make_policy(name)
         if names.count(name) > 1:
             raise BadParameter("policies", name, "given once")
-    return [Job(episode, name) for episode in episodes for name in names]
+    labels = [_label(name) for name in names]
+    return [Job(episode, name, label) for episode in episodes for name, label in zip(names, labels)]

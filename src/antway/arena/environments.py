@@ -19,7 +19,7 @@ from antway.arena.suites import Chance, Suite
 from antway.errors import BadMap, BadScenario, TooLarge
 from antway.grid import Cell, Grid
 from antway.limits import MAX_ORIGIN, MAX_PLACE
-from antway.maps import load_map
+from antway.maps import files_of, load_map
 from antway.reading import opened
 from antway.scenes import SCENES, scene
 from antway.search.distance_field import distance_field
@@ -86,7 +86,7 @@ def maps(file: str) -> Suite:
             name=f"{Path(file).name} {group}",
         )
 
-    return Suite(f"maps:{_content(file)}", tuple(DENSITIES), make, default=20)
+    return Suite(f"maps:{_content(*files_of(file))}", tuple(DENSITIES), make, default=20)
 
 
 def tracks(file: str) -> Suite:
@@ -323,6 +323,7 @@ def _pick(chance: Chance, cells: NDArray[np.int64]) -> Cell:
     return row, col
 
 
-def _content(file: str) -> str:
-    """Return the file's name and a hash of its content, for the name of a suite."""
-    return f"{Path(file).name}-{hashlib.blake2b(Path(file).read_bytes(), digest_size=4).hexdigest()}"
+def _content(*files: str | Path) -> str:
+    """Return the first file's name and a hash of the contents of all, for the name of a suite."""
+    data = b"".join(Path(file).read_bytes() for file in files)
+    return f"{Path(files[0]).name}-{hashlib.blake2b(data, digest_size=4).hexdigest()}"

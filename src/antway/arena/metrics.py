@@ -105,6 +105,23 @@ def bootstrap(values: ArrayLike, tail: float = 0.025) -> Interval:
     return float(low), float(high)
 
 
+def mean_interval(values: ArrayLike) -> Interval:
+    """Return the 95 % interval of the mean of `values`, float[N]: below ten by Student's t, else by `bootstrap`; NaN below two.
+
+    Percentile intervals of few values are too narrow, by the factor by which the normal distribution is narrower than Student's
+    t and the sample's spread than the true one. Their tails are chosen to make up for both (Hesterberg: What teachers should
+    know about the bootstrap, The American Statistician 2015). They stay within the values, which below ten is too little.
+    """
+    sample = checks.array("values", values, (None,), finite=False)
+    n = len(sample)
+    if n < 2:
+        return math.nan, math.nan
+    if n < PAIRS:
+        mean, half = float(sample.mean()), -float(stdtrit(n - 1, 0.025) * sample.std(ddof=1)) / math.sqrt(n)
+        return mean - half, mean + half
+    return bootstrap(sample, float(ndtr(stdtrit(n - 1, 0.025) * math.sqrt(n / (n - 1)))))
+
+
 def time_ratio(time: ArrayLike, bound: ArrayLike) -> NDArray[np.float64]:
     """Return times divided by the clairvoyant optimum, which moves on a grid, so that less than 1 is possible."""
     return _ratio("time", time, "bound", bound)
@@ -128,20 +145,11 @@ def _ratio(name: str, value: ArrayLike, of: str, base: ArrayLike) -> NDArray[np.
 
 
 def real_difference(a: ArrayLike, b: ArrayLike) -> tuple[float, Interval, bool]:
-    """Return the mean of a - b over paired episodes, its 95 % interval, and whether it is significant (at least ten pairs).
-
-    Percentile intervals of few values are too narrow, by the factor by which the normal distribution is narrower than Student's
-    t and the sample's spread than the true one. Their tails are chosen to make up for both (Hesterberg: What teachers should
-    know about the bootstrap, The American Statistician 2015).
-    """
+    """Return the mean of a - b over paired episodes, its 95 % interval, and whether it is significant (at least ten pairs)."""
     one = checks.array("a", a, (None,))
     difference = one - checks.array("b", b, one.shape)
-    n = len(difference)
-    if n < 2:
-        mean = float(difference.mean()) if n else math.nan
-        return mean, (mean, mean), False
-    low, high = bootstrap(difference, float(ndtr(stdtrit(n - 1, 0.025) * math.sqrt(n / (n - 1)))))
-    return float(difference.mean()), (low, high), n >= PAIRS and not low <= 0.0 <= high
+    n, (low, high) = len(difference), mean_interval(difference)
+    return float(difference.mean()) if n else math.nan, (low, high), n >= PAIRS and not low <= 0.0 <= high
 
 
 def scored_by_all(scores: dict[str, NDArray[np.float64]]) -> NDArray[np.bool_]:

@@ -23,7 +23,7 @@ class Summary:
     ----------
     outcomes : mapping of `Outcome` value to count
     success : float, and its Wilson interval at 95 %
-    time_ratio : float, and its bootstrap interval at 95 %
+    time_ratio : float, and its bootstrap interval at 95 %; NaN for fewer than two episodes
         Mean of time over the clairvoyant optimum for episodes that reached the goal; less than 1 is possible, because the
         optimum moves on a grid.
     time, path_ratio, clearance, discomfort, side_changes, jerk : float
@@ -89,7 +89,7 @@ def _summary(level: str, policy: str, rows: Sequence[Row]) -> Summary:
         success=len(reached) / len(rows),
         success_interval=metrics.wilson(len(reached), len(rows)),
         time_ratio=_mean(ratios),
-        time_ratio_interval=metrics.bootstrap(ratios),
+        time_ratio_interval=metrics.mean_interval(ratios),
         time=_mean([row.time for row in reached]),
         path_ratio=_mean(metrics.path_ratio([row.length for row in reached], [row.shortest for row in reached])),
         clearance=_mean([row.clearance for row in reached if math.isfinite(row.clearance)]),

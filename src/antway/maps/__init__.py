@@ -129,6 +129,18 @@ def load_map(
     return replace(grid, resolution=place.resolution, origin=place.origin, top_first=kind in _DRAWN)
 
 
+def files_of(path: str | PathLike[str]) -> tuple[Path, ...]:
+    """Return the files that `load_map` reads: that of the map and, for a ROS map, that of its picture.
+
+    Raises
+    ------
+    BadMap
+        For a ROS map that does not name a picture.
+    """
+    file = shipped(path, map_file=True) or as_path(path)
+    return (file, ros.picture(file)) if file.suffix.lower() in (".yaml", ".yml") else (file,)
+
+
 def save_map(grid: Grid, path: str | PathLike[str]) -> None:
     """Save `grid` in the format of the suffix, so that `load_map` gives it back; a ROS `.yaml` gets a PGM beside it.
 

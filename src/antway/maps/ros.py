@@ -56,6 +56,11 @@ def read(path: Path, limits: Limits, occupied: int = 100) -> Grid:
         raise wrong.at(str(path)) from None
 
 
+def picture(path: Path) -> Path:
+    """Return the file of the picture of the ROS map described by `path`."""
+    return _describe(path, DEFAULT).image
+
+
 def load_costs(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> NDArray[np.int8]:
     """Load the costs of a ROS map, read-only int8[H, W]: 0 free to 100 lethal, -1 unknown; row 0 has the lowest y.
 

@@ -195,7 +195,7 @@ class Guard:
             self.why = f"the guard brakes until {self.last_stamp:.1f} s, because the clock went back"
         elif not -_EARLY <= o.t - stamp <= self.timeout:
             self.why = "the guard brakes, because there is no scan of now"
-        acts = () if command is None else command.velocity if self.dynamic is None else command.acts(o, robot)
+        acts = () if command is None else command.velocity if robot.wheels and self.dynamic is None else command.acts(o, robot)
         if self.why or command is None or not all(map(math.isfinite, acts)):
             self.did = DID[kernel.BRAKED]
             return _STOP if self.dynamic is None else self.dynamic.stop(o)
@@ -313,6 +313,13 @@ class LearnsResponse(Protocol):
         """Take note of the command that was sent in place of the one returned for an observation."""
 
 
+def copied(t: Tracks) -> Tracks:
+    """Return tracks with arrays of their own, so that a policy that changes them does not change what the guard sees."""
+    return Tracks(
+        t.id.copy(), t.xy.copy(), t.velocity.copy(), t.radius.copy(), None if t.covariance is None else t.covariance.copy()
+    )
+
+
 class Guarded:
     """A policy with a guard between the policy and the robot.
 
@@ -344,7 +351,7 @@ class Guarded:
             For an observation that is not finite, before the policy sees it.
         """
         observation = check_observation(observation)
-        command = self.guard.passed(observation, self.policy.act(observation))
+        command = self.guard.passed(observation, self.policy.act(replace(observation, tracks=copied(observation.tracks))))
         if self.learner is not None:
             self.learner.sent(observation, command)
         return command

@@ -316,6 +316,7 @@ def main() -> None:
             server.turn(server.task)
         elif incoming.peek(1):
             server.reset(pickle.load(incoming))
+            spare_collections()
             os.write(out, b"ready\n")
         else:
             break

@@ -20,6 +20,7 @@ from antway.policies.antway.beside import Beside
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard, at_scan
 from antway.policies.guard_process import SILENT, GuardProcess
+from antway.processes import spare_collections
 from antway.ros2 import frames
 from antway.ros2.frames import Odometry, Pose
 from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
@@ -410,6 +411,7 @@ class Pilot:
             grid = corridor(grid, np.vstack((here, frames.move(into, goal.path))), settings.corridor + settings.robot.radius)
         policy = AntwayPolicy(**settings.policy)
         policy.reset(Task(grid, settings.robot, here, frames.move_point(into, goal.xy), **settings.task), 0)
+        spare_collections()
         return policy
 
     def _same_path(self, before: Goal, goal: Goal) -> bool:

@@ -50,7 +50,7 @@ def plan_tour_figure(tour: TourPlan) -> Figure:
 def _title(tour: TourPlan) -> str:
     visited = len(tour.task.stops) - len(tour.skipped)
     of = f" of {len(tour.task.stops)}" if tour.skipped else ""
-    late = f", {tour.lateness:,.0f} s late" if tour.lateness > 0 else ""
+    late = f", {tour.lateness:,.3g} s late" if tour.lateness > 0 else ""
     plural = "s" if len(tour.task.stops) != 1 else ""
     fleet = f" by {len(tour.routes)} robots" if len(tour.routes) > 1 else ""
     return f"Tour of {visited}{of} stop{plural}{fleet}: {tour.length:,.1f} m in {tour.duration:,.0f} s{late}"

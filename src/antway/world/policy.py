@@ -295,10 +295,12 @@ class Command:
         For a velocity without a twist, wheels turn towards it, as fast as they can still stop turning there. Meanwhile they
         drive forward with its component along the heading, never backwards. The heading is that at which the command acts.
         """
+        if self.twist is not None:
+            if not robot.wheels:
+                raise BadParameter("command.twist", self.twist, "None for a robot without wheels, which takes a velocity")
+            return self.twist
         if not robot.wheels:
             return self.velocity
-        if self.twist is not None:
-            return self.twist
         return towards(self.velocity, observation.state_at_action(robot).theta, robot)
 
 

@@ -103,7 +103,8 @@ class Stage:
         """Return the two numbers of a command that the robot follows, for `drive`; NaN if there is no command."""
         if command is None:
             return math.nan, math.nan
-        one, two = command.velocity if self.stepwise else command.acts(observation, self.task.robot)
+        robot = self.task.robot
+        one, two = command.velocity if self.stepwise and robot.wheels else command.acts(observation, robot)
         return float(one), float(two)
 
     def drive(self, one: float, two: float) -> tuple[Outcome | None, str]:

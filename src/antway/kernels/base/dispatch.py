@@ -25,7 +25,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.dispatcher import _FunctionCompiler
 from numba.core.registry import CPUDispatcher
 
-from antway.kernels.base.cache import cache_folder
+from antway.kernels.base.cache import cache_folder, source_stamp
 from antway.kernels.base.compiler import quick_compiler
 
 config: Any = numba.config
@@ -72,7 +72,7 @@ def _jit(function: Any, **settings: Any) -> Any:
 def _cache() -> Iterator[None]:
     """Keep the kernels that are defined in this context in antway's folder. Other packages keep their own."""
     before = config.CACHE_DIR
-    config.CACHE_DIR = before or _CACHE
+    config.CACHE_DIR = _CACHE or before
     try:
         yield
     finally:
@@ -112,13 +112,23 @@ def _compiling_to(library: type[_Code], codegen: Any) -> Iterator[None]:
         codegen._library_class = before
 
 
+class _Cache(FunctionCache):
+    """A cache that also notices that a called kernel has changed."""
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        file = inspect.getfile(function)
+        if os.path.isfile(file):  # a cell of a notebook is none
+            self._cache_file._source_stamp = source_stamp(file)
+
+
 class _InnerFiles(CompileResultCacheImpl):
     @property
     def filename_base(self) -> str:
         return f"{super().filename_base}.inner"
 
 
-class _InnerCache(FunctionCache):
+class _InnerCache(_Cache):
     _impl_class = _InnerFiles
 
 
@@ -193,8 +203,9 @@ class _Compiler(_FunctionCompiler):
 
 def for_kernels_and_python(function: Any, settings: dict[str, Any], shared: bool) -> Kernel:
     """Return `function` as a kernel with these settings of Numba's, cached on disk; `shared` as in `Kernel`."""
+    kernel: Kernel = _jit(function, **settings)
     with _cache():
-        kernel: Kernel = _jit(function, cache=True, **settings)
+        kernel._cache = _Cache(function)
     kernel.__class__, kernel.settings, kernel.shared = Kernel, settings, shared
     kernel._compiler.__class__, kernel._compiler.kernel = _Compiler, kernel
     return kernel

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.afterwards import cost_afterwards
-from antway.kernels.controls.lookup import clearance, reaches, turning_loss
+from antway.kernels.controls.lookup import clearance_within, reaches, turning_loss
 from antway.kernels.controls.motion import MotionState, motion_state, step
 from antway.kernels.controls.problem import (
     GOAL_SPEED,
@@ -89,14 +89,14 @@ def _sample(value: NDArray[np.float64], n: int, field: NDArray[np.float32], fram
 
 @inner_kernel
 def wall_distances(value: NDArray[np.float64], n: int, field: StaticField, enough: float) -> None:
-    """Write to WALL what `clearance` returns for each of the first n rollouts."""
+    """Write to WALL what `clearance` returns for each of the first n rollouts, or for a footprint `clearance_within`."""
     _sample(value, n, field.wall, field.wall_frame)
     for i in range(n):
         value[WALL + i] = value[SAMPLE + i]
     if len(field.discs) > 0:
         for i in range(n):
-            if value[WALL + i] < enough:
-                value[WALL + i] = clearance(field, rollout_state(value, i), enough)
+            before = MotionState(value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], 0.0, 0.0)
+            value[WALL + i] = clearance_within(field, before, rollout_state(value, i), value[WALL + i], enough)
 
 
 @inner_kernel

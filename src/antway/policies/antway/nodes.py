@@ -78,12 +78,23 @@ def in_heading(task: Task, context: PlanningContext, heading: float, moves: Move
     fits[0] |= fits[1] & (np.minimum(to_goal, to_start) <= _ENDS)
     goal = c.goal if fits[1].flat[c.goal] else int(np.where(fits[1], to_goal, math.inf).argmin())
     for found in fits:
-        legal = np.where(found, c.legal.reshape(cells), np.uint32(0))
+        legal = _legal_where(found, c.legal.reshape(cells), moves)
         field = timed_field(legal, moves, divmod(goal, c.cols), scale=c.resolution / c.speed)
         context = c._replace(legal=legal.ravel(), field=field.ravel(), goal=goal)
         if math.isfinite(_time_from(context, task.grid, task.grid.cell_at(task.start))):
             break
     return context
+
+
+def _legal_where(fits: NDArray[np.bool_], legal: NDArray[np.uint32], moves: Moves) -> NDArray[np.uint32]:
+    """Return the legal moves that begin where the footprint fits, and lead over no node where it does not."""
+    far, (rows, cols) = int(np.abs(moves.offsets).max()), fits.shape
+    around, found = np.pad(fits, far), np.where(fits, legal, np.uint32(0))
+    for k, between in enumerate(moves.touched):
+        for row, col in between:
+            over = around[far + row : far + row + rows, far + col : far + col + cols]
+            found &= np.where(over, ~np.uint32(0), ~np.uint32(1 << k))
+    return found
 
 
 def planning_contexts(task: Task, moves: Moves) -> ContextPair:
