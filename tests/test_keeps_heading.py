@@ -74,15 +74,15 @@ def test_a_map_without_a_path_is_said_to_have_none(robot: str) -> None:
 
 
 def test_plans_are_for_the_heading_that_is_observed() -> None:
-    """In one heading the door is open, in the other it is shut, and back again."""
+    """In one heading the door is open, in the other it is shut, and back again, a cycle later once the robot drives."""
     policy, task = AntwayPolicy(), Task(rooms(("x", 1.5, 2.4)), LONG, (2.0, 2.0), (10.0, 2.0))
     policy.reset(task, seed=0)
     finite = []
-    for k, heading in enumerate((0.0, 0.02, 0.5 * math.pi, -0.01)):
+    for k, heading in enumerate((0.0, 0.02, 0.5 * math.pi, 0.5 * math.pi, -0.01, -0.01)):
         policy.act(Observation(0.1 * k, task.start, (0.0, 0.0), heading, Tracks.none()))
         assert policy.state is not None
         finite.append(math.isfinite(policy.state.context.field.reshape(policy.state.context.rows, -1)[:, :40].min()))
-    assert finite == [True, True, False, True]
+    assert finite == [True, True, True, False, False, True]
     assert is_turned(LONG, math.pi, -math.pi + 0.11) and not is_turned(LONG, math.pi, -math.pi + 0.09)
     assert not is_turned(load_robot("amr"), 0.0, 1.0)
 
@@ -104,7 +104,7 @@ def test_where_a_footprint_fits_is_where_it_is_clear_of_walls() -> None:
 
 
 def test_no_move_leads_over_a_place_where_the_footprint_does_not_fit() -> None:
-    """Moves of 32 directions are up to 3.6 nodes long; a time to the goal over such a place led the robot to stand before it."""
+    """Moves of 32 directions are up to 3.6 nodes long; times to the goal over such a place had the robot stand before it."""
     rng, moves, legal = np.random.default_rng(6), Moves.THIRTY_TWO, 0
     for _ in range(cases(4, 200)):
         blocked = rng.random((60, 80)) < 0.01

@@ -295,7 +295,7 @@ def bench_command(
     from antway.arena.causes import errors
     from antway.arena.store import EXPORTS, Results, export
     from antway.arena.suites import episodes as episodes_of
-    from antway.arena.summary import markdown, summarise
+    from antway.arena.summary import markdown, sections, summarise
     from antway.view.report import write_report
 
     names, kinds = policies.split(","), [checks.choice("export", kind, EXPORTS) for kind in tables.split(",")]
@@ -312,11 +312,10 @@ def bench_command(
             engines.bench(jobs, results, engine=engine, workers=cores, timeout=timeout, done=lambda row: advance())
         every, wanted = results.rows(), {job.key for job in jobs}
         rows = [row for row in every if row.key in wanted]
-        suites = {suite: [row for row in every if row.suite == suite] for suite in sorted({row.suite for row in every})}
         with working("writing the report"), writing("out", out):
             for kind in kinds:
                 export(every, out / f"results.{kind}")
-            text = "\n".join(f"## {suite}\n\n{markdown(played)}" for suite, played in suites.items())
+            text = "\n".join(f"## {name}\n\n{markdown(played)}" for name, played in sorted(sections(every).items()))
             (out / "summary.md").write_text(text, encoding="utf-8")
             write_report(results, out / "report.html")
     table = summarise(rows, list(dict.fromkeys(job.key[2] for job in jobs)))

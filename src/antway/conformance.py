@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from antway.errors import InvalidPlan
+from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid
 from antway.planning import Budget, Plan, Planner, Problem, Status
 from antway.verify import check_plan
@@ -45,9 +45,13 @@ def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
 
     Raises
     ------
+    BadParameter
+        For what cannot be called.
     InvalidPlan
         With every breach found.
     """
+    if not callable(make):
+        raise BadParameter("make", make, "a function that returns a new policy, for instance its class")
     faults: list[str] = []
     scenario = _scenario()
     policy = make()

@@ -129,6 +129,30 @@ def paired(
     return wins, times
 
 
+def ranked(
+    wins: dict[str, NDArray[np.float64]], times: dict[str, NDArray[np.float64]]
+) -> list[tuple[str, int, float, str, float]]:
+    """Return policy, rank by success, success, rank by time and mean time over the optimum, best first.
+
+    `wins` and `times` are those of `paired`. The rank by time is a dash for a policy with fewer than ten times: it cannot be
+    significantly slower than another one, and would be first.
+    """
+    by_time = {name: (str(rank), mean) for name, mean, rank in metrics.ranks(times, most=False)}
+    few = {name for name, mine in times.items() if np.isfinite(mine).sum() < metrics.PAIRS}
+    return [
+        (name, rank, mean, "–" if name in few else by_time[name][0], by_time[name][1])
+        for name, mean, rank in metrics.ranks(wins)
+    ]
+
+
+def sections(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the rows of each suite by its name; those of each version of antway on their own where there are several."""
+    several, found = len({row.version for row in rows}) > 1, dict[str, list[Row]]()
+    for row in rows:
+        found.setdefault(f"{row.suite}, antway {row.version}" if several else row.suite, []).append(row)
+    return found
+
+
 def remarks(table: Sequence[Summary]) -> list[str]:
     """Return remarks for the reader of a table: why a time can be below the optimum, if one is."""
     below = any(one.time_ratio < 1.0 for one in table)
@@ -163,15 +187,12 @@ def markdown(rows: Sequence[Row]) -> str:
         )
         lines.append(_line(cells))
     wins, times = paired(rows, names)
-    by_time = {name: (rank, mean) for name, mean, rank in metrics.ranks(times, most=False)}
     count = len(next(iter(wins.values()), ()))
     heads = ["policy", "rank by success", f"success in {count} paired, %", "rank by time / optimum"]
     heads.append(f"time / optimum in {int(metrics.scored_by_all(times).sum())} that all reached")
     lines += ["", _line(heads), _line(["---"] + ["--:"] * 4)]
-    for name, mean, rank in metrics.ranks(wins):
-        place, ratio = by_time[name]
-        shown = str(place) if np.isfinite(times[name]).any() else "–"
-        lines.append(_line((name, str(rank), f"{100 * mean:.1f}", shown, _shown(ratio, f"{ratio:.4f}"))))
+    for name, rank, mean, place, ratio in ranked(wins, times):
+        lines.append(_line((name, str(rank), f"{100 * mean:.1f}", place, _shown(ratio, f"{ratio:.4f}"))))
     failed = [(name, why, count) for name in names for why, count in by_cause(r for r in rows if r.policy == name).items()]
     if failed:
         lines += ["", _line(["policy", "failures by cause", "episodes"]), _line(["---", "---", "--:"])]

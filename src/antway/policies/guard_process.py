@@ -41,6 +41,7 @@ from antway import checks
 from antway.errors import BadInput, BadParameter
 from antway.policies.guard import Guard
 from antway.policies.guard_memory import SIDES, SIZE, Answer, Link
+from antway.processes import spare_collections
 from antway.world.policy import Command, Observation, Policy, Task, Tracks
 
 SILENT = "silent"

@@ -87,6 +87,8 @@ def meeting(decision: Decision | None) -> str:
 
 def title_of(decision: Decision | None) -> str:
     """Return the title during an encounter: how the robot reacts to the obstacle."""
+    if decision is not None and decision.action == "follow" and decision.obstacle is None:
+        return "On its way"
     doing = {"avoid": "Going round it", "wait": "Waiting for it", "brake": "Braking for it", "stuck": "Stuck"}
     doing |= {"step-back": "Stepping back from it", "step-aside": "Stepping aside"}
     return doing.get("" if decision is None else decision.action, "Passing it")

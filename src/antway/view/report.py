@@ -10,11 +10,9 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
-import numpy as np
-
 from antway.arena import metrics
 from antway.arena.store import Results, Row
-from antway.arena.summary import Summary, paired, remarks, span, summarise
+from antway.arena.summary import Summary, paired, ranked, remarks, sections, span, summarise
 from antway.view import style
 from antway.view.animation import last_moment
 from antway.view.charts import success_figure, time_ratio_figure
@@ -38,8 +36,7 @@ def report_page(results: Results) -> str:
     """Return the page as text; it works offline, and its security policy allows only its own scripts."""
     rows = results.rows()
     replays = _Replays(results)
-    suites = list(dict.fromkeys(row.suite for row in rows))
-    body = "".join(_suite(suite, [row for row in rows if row.suite == suite], replays) for suite in suites)
+    body = "".join(_suite(name, played, replays) for name, played in sections(rows).items())
     style, script = asset("report.css"), asset("report.js")
     hashes = {"script": [digest(script)], "style": [digest(style)]}
     for kind, found in re.findall(r"(script|style)-src '(sha256-[^']+)'", replays.shell):
@@ -125,17 +122,14 @@ def _table(table: Sequence[Summary]) -> str:
 def _rank_table(rows: Sequence[Row], policies: Sequence[str]) -> str:
     """Return the ranks by success and by time over the optimum; only significantly better policies rank higher."""
     wins, times = paired(rows, policies)
-    time = {name: (rank, mean) for name, mean, rank in metrics.ranks(times, most=False)}
     lines = []
-    for name, mean, rank in metrics.ranks(wins):
-        by_time, ratio = time[name]
-        place = by_time if np.isfinite(times[name]).any() else "–"
+    for name, rank, mean, place, ratio in ranked(wins, times):
         cells = (name, rank, f"{_number(100 * mean, 1)} %", place, _number(ratio, 4))
         lines.append(_cells("td", cells))
     paired_all = len(next(iter(wins.values()), ()))
     shared = int(metrics.scored_by_all(times).sum())
-    ranked = "rank by success", f"of {paired_all} paired", "rank by time / optimum"
-    heads = ("policy", *ranked, f"mean of {shared} that all reached")
+    places = "rank by success", f"of {paired_all} paired", "rank by time / optimum"
+    heads = ("policy", *places, f"mean of {shared} that all reached")
     return (
         "<h3>Which differences are significant</h3><p>A rank is lost to each policy that is significantly better: on the same "
         "episodes (for time, those in which both reached the goal) the 95 % interval of the difference excludes 0.</p>"

@@ -295,13 +295,11 @@ class Command:
         For a velocity without a twist, wheels turn towards it, as fast as they can still stop turning there. Meanwhile they
         drive forward with its component along the heading, never backwards. The heading is that at which the command acts.
         """
-        if self.twist is not None:
-            if not robot.wheels:
-                raise BadParameter("command.twist", self.twist, "None for a robot without wheels, which takes a velocity")
-            return self.twist
         if not robot.wheels:
+            if self.twist and any(self.twist) and not any(self.velocity):
+                raise BadParameter("command.twist", self.twist, "left out for a robot without wheels, which takes a velocity")
             return self.velocity
-        return towards(self.velocity, observation.state_at_action(robot).theta, robot)
+        return self.twist or towards(self.velocity, observation.state_at_action(robot).theta, robot)
 
 
 def commanded(one: float, two: float, heading: float, robot: RobotSpec) -> Command:
@@ -421,7 +419,7 @@ class Plans(Protocol):
 def as_policy(policy: object) -> Policy:
     """Return `policy` if it is one."""
     if isinstance(policy, type) or not isinstance(policy, Policy):
-        raise BadParameter("policy", policy, "a policy, with the methods reset, act and explain")
+        raise BadParameter("policy", policy, "a policy with the methods reset, act and explain, an instance and no class")
     return policy
 
 

@@ -7,7 +7,7 @@ import os
 import re
 import sys
 import tempfile
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 from antway.version import __version__
@@ -45,7 +45,7 @@ def cache_folder() -> str:
     return str(next((folder for folder in folders if _writable(folder)), None) or tempfile.mkdtemp(prefix="antway-"))
 
 
-@lru_cache(maxsize=None)
+@cache
 def _source(path: Path) -> tuple[bytes, list[Path]]:
     """Return a hash of a file of kernels, and the files of antway that it imports."""
     text, top = path.read_text(encoding="utf-8"), Path(__file__).parents[2]
@@ -57,7 +57,7 @@ def _source(path: Path) -> tuple[bytes, list[Path]]:
     return hashlib.blake2b(text.encode()).digest(), found
 
 
-@lru_cache(maxsize=None)
+@cache
 def source_stamp(file: str) -> bytes:
     """Return a hash of a kernel's file and all files of antway that it imports, whose kernels become part of its code.
 

@@ -115,6 +115,8 @@ def _compiling_to(library: type[_Code], codegen: Any) -> Iterator[None]:
 class _Cache(FunctionCache):
     """A cache that also notices that a called kernel has changed."""
 
+    _impl_class: Any = CompileResultCacheImpl
+
     def __init__(self, function: Any) -> None:
         super().__init__(function)
         file = inspect.getfile(function)

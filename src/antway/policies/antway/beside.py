@@ -27,6 +27,8 @@ class Beside(Generic[R]):
         The present time, s.
     work : callable
         It changes nothing that others use; kernels release Python's global lock.
+    at_once : int or None
+        On a map of so many nodes, or fewer, the work is done within the cycle; None means 65,536.
 
     Attributes
     ----------
@@ -34,10 +36,10 @@ class Beside(Generic[R]):
         Time from which on the result is used, s; `now` for a small map.
     """
 
-    def __init__(self, nodes: int, now: float, work: Callable[[], R]) -> None:
+    def __init__(self, nodes: int, now: float, work: Callable[[], R], at_once: int | None = None) -> None:
         self._done: Future[R] = Future()
         self.due = now
-        if nodes <= _AT_ONCE:
+        if nodes <= (_AT_ONCE if at_once is None else at_once):
             self._done.set_result(work())
         else:
             self.due += nodes / _PACE

@@ -211,15 +211,15 @@ class AntwayPolicy:
             else Detours(self.moves, (context, kept), narrow, self.horizon),
         )
 
-    def _compute_anew(self, t: float, task: Task) -> None:
+    def _compute_anew(self, t: float, task: Task, at_once: int | None = None) -> None:
         """Go on with another task, or another robot or heading."""
-        self._compute(t, partial(self._made, task, self._state.seed, self._state.response, self._heading))
+        self._compute(t, partial(self._made, task, self._state.seed, self._state.response, self._heading), at_once)
 
-    def _compute(self, t: float, work: Callable[[], State | Counted]) -> None:
+    def _compute(self, t: float, work: Callable[[], State | Counted], at_once: int | None = None) -> None:
         """Compute another state, or other times to the goal, beside the control cycles where the map is large."""
         s = self._state
         poses = 0 if s.controls is None else s.controls.problem.field.turning.size  # a car has times for each heading
-        self._beside = Beside(max(s.detours.wide[-1].field.size, poses), t, work)
+        self._beside = Beside(max(s.detours.wide[-1].field.size, poses), t, work, at_once)
         self._adopt(t)
 
     def _adopt(self, t: float) -> None:
@@ -248,8 +248,8 @@ class AntwayPolicy:
         self._adopt(observation.t)
         s = self._state
         if self._beside is None and is_turned(s.task.robot, self._heading, observation.heading):
-            self._heading = observation.heading
-            self._compute_anew(observation.t, s.task)
+            first, self._heading = math.isnan(self._heading), observation.heading
+            self._compute_anew(observation.t, s.task, None if first else 0)  # later the robot drives, and has no time
             s = self._state
         doubted = s.tracker.doubts_velocities
         observation = s.tracker.corrected(as_sensed)
