@@ -20,10 +20,11 @@ import pytest
 from antway.arena.engines import Job, bench, table_jobs
 from antway.arena.store import Results, Row
 from antway.arena.suites import episodes
-from antway.arena.summary import paired
+from antway.arena.summary import paired, ranked, sections
 from antway.baselines.replan import Follow
 from antway.cli import main
 from antway.errors import BadParameter, BadResults
+from antway.processes import uninterrupted
 from antway.world.policy import Command, make_policy
 from common import SCALE, cases
 
@@ -333,3 +334,51 @@ def test_a_second_run_adds_to_all_files(tmp_path, monkeypatch):
     assert headings == ["## paper", "## paper on diff", "## synthetic"]
     rows = json.loads((tmp_path / "bench" / "results.json").read_text())
     assert len(rows) == count(tmp_path / "bench") and {f"## {row['suite']}" for row in rows} == set(headings)
+
+
+def run_bench(monkeypatch, *words):
+    """Run antway bench; return its exit status."""
+    monkeypatch.setattr(sys, "argv", ["antway", "bench", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return ended.value.code
+
+
+def test_a_policy_that_has_changed_is_played_again(tmp_path, monkeypatch, capsys):
+    """Its name in rows ends with a hash of its file; a policy that always fails gives status 1 and a line that says why."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    lines = ["from antway.baselines.replan import Follow", "class Mine(Follow):", "    def act(self, o):", "        "]
+    for action, status in (("raise ValueError('broken')", 1), ("return super().act(o)", 0)):
+        (tmp_path / "changing.py").write_text("\n".join(lines) + action + "\n")
+        assert run_bench(monkeypatch, "synthetic", "--episodes", "1", "--policies", "changing:Mine", "--workers", "1") == status
+        assert ("failed in 18 of 18 episodes; first: " in capsys.readouterr().err) == bool(status)
+    with Results(tmp_path / "bench" / "results.db") as results:
+        rows = results.rows()
+    assert len(rows) == 36 and len({row.policy for row in rows}) == 2
+    assert all((row.outcome == "error") == (row.policy == rows[0].policy) for row in rows)
+
+
+def test_versions_are_counted_on_their_own():
+    """The same episode played by two versions of antway is not two episodes."""
+    row = Row("synthetic", "open/low/0000", "stop", 1, "0.1.0", "open/low", "reached", "", time=1.0, bound=1.0)
+    assert list(sections([row])) == ["synthetic"]
+    assert list(sections([row, replace(row, version="0.2.0")])) == ["synthetic, antway 0.1.0", "synthetic, antway 0.2.0"]
+
+
+def test_few_times_have_no_rank():
+    """A policy that reached the goal nine times is significantly slower than nobody, and is not first for that."""
+    times = {"often": np.linspace(1.0, 1.1, 30), "seldom": np.where(np.arange(30) < 9, 1.5, math.nan)}
+    wins = {name: np.isfinite(mine).astype(float) for name, mine in times.items()}
+    assert [(name, place) for name, _, _, place, _ in ranked(wins, times)] == [("often", "1"), ("seldom", "–")]
+
+
+def test_ctrl_c_while_workers_start_counts():
+    """It was ignored for as long as the first of them took to start."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background may have it ignored
+    try:
+        with pytest.raises(KeyboardInterrupt), uninterrupted():
+            os.kill(os.getpid(), signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)

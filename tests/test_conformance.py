@@ -13,7 +13,7 @@ import pytest
 from antway import Command, load_scenario, run
 from antway.baselines.replan import Follow
 from antway.conformance import check_planner, check_policy
-from antway.errors import InvalidPlan
+from antway.errors import BadParameter, InvalidPlan
 from antway.planning import PLANNERS, Plan, Status, find
 from antway.tables import SHIPPED_SCENES
 from antway.world.policy import POLICIES, make_policy
@@ -80,6 +80,17 @@ class Empty(Follow):
         return super().act(observation)
 
 
+class Turns(Follow):
+    def act(self, observation):
+        return Command(twist=(0.5, 0.1))
+
+
+class InPlace(Follow):
+    def act(self, observation):
+        observation.tracks.xy[:] -= observation.xy
+        return super().act(observation)
+
+
 class Silent(Follow):
     def act(self, observation):
         super().act(observation)
@@ -95,12 +106,21 @@ class Silent(Follow):
         (Slow, "time limit"),
         (NoNan, "NaN"),
         (Empty, "no scan yet: ValueError"),
+        (Turns, "command.twist = .* left out for a robot without wheels"),
+        (InPlace, "no scan yet: it changes the observation|an old scan: it changes the observation"),
     ],
 )
 def test_breaches_are_named(kind, printed):
     """A policy that breaks the contract in one way is told which."""
     with pytest.raises(InvalidPlan, match=printed):
         check_policy(kind, seconds=0.01 if kind is Slow else 30.0)
+
+
+@pytest.mark.parametrize("wrong", ["antway", Follow()])
+def test_what_makes_no_policy_is_refused(wrong):
+    """It was a TypeError without a word of what to give."""
+    with pytest.raises(BadParameter, match="a function that returns a new policy"):
+        check_policy(wrong)
 
 
 def test_a_planner_that_lies_is_caught():

@@ -313,6 +313,25 @@ def test_a_guarded_policy_says_what_the_guard_did() -> None:
     assert policy.explain().guard in ("slowed", "braked")
 
 
+def test_a_policy_that_changes_the_observation_does_not_blind_the_guard() -> None:
+    """The guard judges the command by what was seen, not by what the policy made of it in place."""
+
+    class Centres:
+        def reset(self, task, seed): ...
+        def act(self, observation):
+            observation.tracks.xy[:] += 100.0
+            return Command((1.0, 0.0))
+
+        def explain(self):
+            return Decision("follow", "onwards")
+
+    policy = Guarded(Centres())
+    policy.reset(Task(Grid(HALL, SIZE), RobotSpec(), (1.0, 1.0), (9.0, 9.0)), 0)
+    tracks = Tracks(np.array([0]), np.array([[5.75, 5.0]]), np.zeros((1, 2)), np.array([0.3]))
+    policy.act(Observation(0.0, (5.0, 5.0), (0.0, 0.0), 0.0, tracks))
+    assert policy.explain().guard in ("slowed", "braked") and tracks.xy.tolist() == [[5.75, 5.0]]
+
+
 @pytest.mark.parametrize("wrong", [{"timeout": 0.0}, {"timeout": math.nan}, {"hold": -1.0}, {"lookahead": math.inf}])
 def test_wrong_settings_raise(wrong: dict[str, float]) -> None:
     """Settings out of range raise `BadParameter`."""

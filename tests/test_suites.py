@@ -166,8 +166,11 @@ def test_maps(tmp_path):
     for episode in episodes(f"maps:{tmp_path / 'hall.yaml'}", 2):
         scenario, known = stage(episode)
         assert all(isinstance(one.motion, Bounce) for one in scenario.world.obstacles) and math.isfinite(known.shortest)
-    (tmp_path / "hall.yaml").write_text((tmp_path / "hall.yaml").read_text() + "\n")
-    assert load_suite(f"maps:{tmp_path / 'hall.yaml'}").name != suite.name
+    names = {suite.name}
+    for file in ("hall.yaml", "hall.pgm"):  # the picture as well as its description
+        (tmp_path / file).write_bytes((tmp_path / file).read_bytes() + b"\n")
+        names.add(load_suite(f"maps:{tmp_path / 'hall.yaml'}").name)
+    assert len(names) == 3
 
 
 def walkers(path, *, csv):

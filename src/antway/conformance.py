@@ -160,7 +160,7 @@ def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
     }
     faults = []
     for name, observation in unusual.items():
-        policy = make()
+        policy, places = make(), observation.tracks.xy.copy()
         if isinstance(policy, Foresees):
             policy.foresee(_scenario().world.timeline(0, 20.0))
         try:
@@ -170,6 +170,8 @@ def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
         except Exception as error:  # any exception of a third party is reported
             faults.append(f"{name}: {type(error).__name__}: {error}")
             continue
+        if not np.array_equal(observation.tracks.xy, places):
+            faults.append(f"{name}: it changes the observation, which others use as well")
         if command is not None and not all(math.isfinite(part) for part in command.velocity):
             faults.append(f"{name}: its command {command.velocity} is not finite")
         if not isinstance(decision, Decision):
