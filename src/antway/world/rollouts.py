@@ -80,7 +80,7 @@ def with_times(field: StaticField, task: Task, time_to_goal: NDArray[np.float64]
     """Return the field of a task with other times to the goal; see `static_field`."""
     grid, v_max, size, (x, y, _) = task.grid, task.robot.v_max, task.grid.resolution, task.grid.origin
     near = _to_the_goal_itself(time_to_goal, grid, v_max, task.goal)
-    time = beyond_walls(near - _tolerance(task) / v_max, 2.0 * size / v_max, _LAYERS)
+    time = _in_two_rows(beyond_walls(near - _tolerance(task) / v_max, 2.0 * size / v_max, _LAYERS))
     frame, (turning, turning_frame) = np.array([x + size / 2, y + size / 2, 1.0 / size]), _by_heading(near, field, task)
     return field._replace(time=time, time_frame=frame, turning=turning, turning_frame=turning_frame)
 
@@ -133,8 +133,13 @@ def _by_heading(
     if robot.footprint is not None:
         fits = fitting_poses(map_field, frame, headings, times.shape[0], times.shape[1], _SLACK * size)
     poses = turning_times(times, fits, size, robot.turning_radius, robot.v_max, robot.v_reverse, _SWEEPS)
-    field = np.array([beyond_walls(one, 2.0 * size / robot.v_max, _LAYERS) for one in (*poses, times)])
+    field = np.array([_in_two_rows(beyond_walls(one, 2.0 * size / robot.v_max, _LAYERS)) for one in (*poses, times)])
     return field, frame
+
+
+def _in_two_rows(field: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a field between whose nodes `sample` can interpolate: a single row or column stands twice."""
+    return np.pad(field, [(0, int(side == 1)) for side in field.shape], mode="edge")
 
 
 def static_time(field: StaticField, state: RobotState) -> float:

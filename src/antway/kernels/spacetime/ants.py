@@ -252,6 +252,8 @@ def _step(
     then = -1
     while then < 0 and total > 1e-9:
         i = _draw(choices, n, total, state)
+        if i < 0:  # all were drawn, and `total` is what rounding has left
+            break
         k = choices.move[i]
         memory.tried[s] |= np.uint64(1) << np.uint64(k)
         total -= choices.weight[i]

@@ -186,10 +186,14 @@ def with_fine_cells(task: Task) -> Task:
 
     Moves of 32 directions lead through cells in whose centre a robot cannot stand. If such cells are larger than the robot, a
     field that is interpolated between centres has a ridge across these moves, before which the robot would stop. Large
-    cells also do not show whether a passage is slightly wider than the robot or too narrow.
+    cells also do not show whether a passage is slightly wider than the robot or too narrow. A passage of an odd number of cells
+    has its middle between the centres of cells that are divided by an even number, which may be too near to its walls.
     """
-    grid = task.grid
-    finer = min(math.ceil(grid.resolution / (_FINE * task.robot.radius) - 1e-9), math.isqrt(_MOST_CELLS // grid.blocked.size))
+    grid, widths = task.grid, task.robot.radius / task.grid.resolution
+    most = math.isqrt(_MOST_CELLS // grid.blocked.size)
+    finer = min(math.ceil(1.0 / (_FINE * widths) - 1e-9), most)
+    if finer > 0 and finer % 2 == 0 and 0.5 - 0.5 / finer + 1e-9 < widths % 1.0 < 0.5 - 1e-9:
+        finer += 1 if finer < most else -1
     if finer <= 1:
         return task
     cells = np.repeat(np.repeat(grid.blocked, finer, axis=0), finer, axis=1)
