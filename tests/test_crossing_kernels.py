@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from antway import Grid, Status, Task
+from antway import Grid, Observation, RobotSpec, Status, Task, Tracks
 from antway.kernels import crossing
 from antway.kernels.base.records import Predictions
 from antway.kernels.robot.guard import time_to_contact
@@ -340,6 +340,20 @@ def test_pheromone_is_laid_on_each_edge_at_the_time_at_which_it_is_left() -> Non
         assert {(key // 64 % cells, context.offset[key % 64], key // 64 // cells) for key in keys} == expected
         several += len({when for *_, when in expected}) > 1
     assert several
+
+
+@pytest.mark.parametrize("seed", [164, 952, 1233])
+def test_rounding_leaves_no_choice_to_draw(seed: int) -> None:
+    """With much pheromone the sum of the weights did not fall to 0 with the last choice; `make bounds` found it."""
+    rng, robot = np.random.default_rng(seed), RobotSpec(drive="differential", v_max=2.0, dt=0.01, v_reverse=1.0)
+    task = Task(Grid(np.zeros((6, 6), dtype=bool), 0.5), robot, (0.75, 2.05), (2.25, 0.75))
+    policy = AntwayPolicy(deposit=1e6, margin=10.0, hysteresis=0.0, guard=False)
+    policy.reset(task, seed)
+    xy, velocity = rng.uniform(0.0, 3.0, (30, 2)), rng.normal(0.0, 1.0, (30, 2))
+    for k in range(4):
+        tracks = Tracks(np.arange(30), xy + 0.01 * k * velocity, velocity, np.full(30, 0.01))
+        command = policy.act(Observation(0.01 * k, task.start, (0.0, 0.0), 0.0, tracks))
+        assert np.isfinite(command.twist or (math.nan,)).all()
 
 
 def test_moves_are_drawn_in_proportion_to_their_weights() -> None:

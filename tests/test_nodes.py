@@ -121,3 +121,28 @@ def test_a_goal_near_which_a_footprint_fits_in_no_heading_is_blocked() -> None:
         else:
             with pytest.raises(CellBlocked, match=r"goal = .*footprint fits"):
                 AntwayPolicy().reset(task, seed=0)
+
+
+@pytest.mark.parametrize(("cells", "radius"), [(61, 0.24), (201, 0.2), (401, 0.13)])
+def test_a_robot_with_wheels_fits_into_corridors_one_cell_wide(cells: int, radius: float) -> None:
+    """Cells of 0.5 m that are divided by an even number have no centre in the middle, and the goal was refused as blocked."""
+    comb = np.ones((cells, cells), dtype=bool)
+    comb[1, 1:-1] = comb[1:-1, 1::2] = False
+    grid = Grid(comb, 0.5)
+    policy, task = (
+        AntwayPolicy(),
+        Task(grid, replace(load_robot("diff"), radius=radius), grid.centre((5, 1)), grid.centre((5, 9))),
+    )
+    policy.reset(task, seed=0)
+    assert policy.state is not None and np.isfinite(policy.state.context.field).sum() > cells
+
+
+@pytest.mark.parametrize("robot", ["inertia", "diff"])
+@pytest.mark.parametrize("shape", [(1, 300_000), (300_000, 1)])
+def test_a_map_of_one_row_that_is_not_divided_is_driven_along(robot: str, shape: tuple[int, int]) -> None:
+    """Fields were interpolated beyond their only row, from whatever memory was there."""
+    grid = Grid(np.zeros(shape, dtype=bool), 1.0)
+    goal = grid.centre((0, 20) if shape[0] == 1 else (20, 0))
+    result = run(Scenario(World(grid), grid.centre((0, 0)), goal, load_robot(robot), horizon=40.0), "antway", seed=0)
+    check_episode(result)
+    assert result.reached
