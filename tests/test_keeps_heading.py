@@ -119,3 +119,29 @@ def test_no_move_leads_over_a_place_where_the_footprint_does_not_fit() -> None:
                     legal += 1
                     assert fits[row, col] and all(fits[row + dr, col + dc] for dr, dc in between)
     assert legal > 1000
+
+
+def cluttered(seed: int) -> Grid:
+    """Four rooms in a row of 10 x 7 m with doors 0.95 to 1.3 m wide at random places, and five boxes."""
+    rng, size = np.random.default_rng(seed), 0.07
+    blocked = np.zeros((100, 143), np.bool_)
+    blocked[[0, -1]] = blocked[:, [0, -1]] = True
+    for x in (2.5, 5.0, 7.5):
+        col, y = round(x / size), rng.uniform(0.3, 5.5)
+        blocked[:, col : col + 2] = True
+        blocked[round(y / size) : round((y + rng.uniform(0.95, 1.3)) / size), col : col + 2] = False
+    for _ in range(5):
+        row, col = rng.integers(0, 92), rng.integers(0, 135)
+        blocked[row : row + 5, col : col + 5] = True
+    blocked[6:14, 6:22] = blocked[-14:-6, -22:-6] = False
+    return Grid(blocked, size)
+
+
+@pytest.mark.parametrize(("seed", "reached"), [(16, True), (23, True), (37, True), (29, False)])
+def test_corners_of_walls_are_passed_or_the_robot_says_that_it_is_stuck(seed: int, reached: bool) -> None:
+    """It stood for good: rollouts saw no corner between the ends of a period, and plans led over places without room."""
+    robot = RobotSpec(footprint=((0.35, 0.25), (-0.35, 0.25), (-0.35, -0.25), (0.35, -0.25)))
+    policy, scenario = AntwayPolicy(), Scenario(World(cluttered(seed)), (0.8, 0.7), (9.2, 6.3), robot, horizon=30.0)
+    result = run(scenario, policy, seed=seed)
+    check_episode(result)
+    assert result.reached == reached and (policy.explain().action == "stuck") != reached

@@ -445,14 +445,13 @@ def test_options_of_another_kind_are_refused() -> None:
         AntwayPolicy(controls=3)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("robot", "seeds"), [("jackal", (1, 2, 3)), ("turtlebot4", (44, 0, 1, 3, 40, 46)[: costly(6, 6)])])
+@pytest.mark.parametrize(("robot", "seeds"), [("jackal", (0, 1, 2)), ("turtlebot4", (44, 0, 1, 3, 40, 46)[: costly(6, 6)])])
 def test_robots_keep_room_from_walkers_who_may_turn_back(robot: str, seeds: tuple[int, ...]) -> None:
     """One walks straight for so long that its predictions hold to a hair, and then turns towards the robot at a corner.
 
     The slow one was touched on seeds 2 and 44, until the risk grew with the square of its slowness. On seed 2 it is touched
     again since plans lead between finer nodes, and on 45 since it stands while it waits; of seeds 0 to 99 it reaches the goal
-    on 86 (88 before), and of 100 to 139 on 34 (32 before). `jackal` reaches it on 48 of seeds 0 to 49 (49 before footprints
-    were judged between the ends of steps, on seed 0, too).
+    on 86 (88 before), and of 100 to 139 on 34 (32 before).
     """
     office = load_scenario("office").driven_by(load_robot(robot))
     ends = [run(office, AntwayPolicy(), seed=seed) for seed in seeds]

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
-from antway.kernels.controls.lookup import clearance_within, sample, turning_loss
+from antway.kernels.controls.lookup import clearance, clearance_within, sample, turning_loss
 from antway.kernels.controls.motion import MotionState, step
 from antway.kernels.controls.problem import ControlProblem, StaticField
 from antway.kernels.controls.rollout import lost_time, obstacle_cost
@@ -65,9 +65,9 @@ def _drive(
     for q, (ca, cb) in enumerate(commands.tolist()):
         before, at = at, step(at, ca, cb, problem.limits, problem.dt)
         here = obstacle_cost(before, at, first + q, 1.0, problem, np.empty(0))
-        wall = sample(field.wall, at.x, at.y, field.wall_frame)
-        if len(field.discs):
-            wall = clearance_within(field, before, at, wall, w.wall_margin)
+        wall = clearance(field, at, w.wall_margin)
+        if not problem.limits.drive and len(field.discs):
+            wall = clearance_within(field, before, at, sample(field.wall, at.x, at.y, field.wall_frame), w.wall_margin)
         if wall < w.wall_margin or here >= w.contact:
             return None
         harm += here

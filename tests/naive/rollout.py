@@ -63,10 +63,9 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
             theta = heading = state.theta
         decay = math.exp(-w.decay * k * dt)
         wall = bilinear(field.wall, x, y, field.wall_frame)
-        if len(field.discs):  # every 2 cm that its farthest corner moves
-            turn = math.remainder(theta - heading, math.tau)
-            parts = max(math.ceil((math.dist((x, y), before) + abs(turn) * field.box[4]) / 0.02), 1)
-            wall = min(_footprint_wall(before + s * ([x, y] - before), heading + s * turn, field) for s in _shares(parts))
+        if len(field.discs):  # without wheels every 2 cm that it moves
+            parts = 1 if limits.drive else max(math.ceil(math.dist((x, y), before) / 0.02), 1)
+            wall = min(_footprint_wall(before + s * ([x, y] - before), theta, field) for s in _shares(parts))
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
         elif wall < w.wall_margin + w.wall_range:

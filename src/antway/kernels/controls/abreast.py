@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, inner_kernel
-from antway.kernels.base.records import RobotLimits
+from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.afterwards import cost_afterwards
-from antway.kernels.controls.lookup import clearance_within, reaches, turning_loss
+from antway.kernels.controls.lookup import clearance, clearance_within, reaches, turning_loss
 from antway.kernels.controls.motion import MotionState, motion_state, step
 from antway.kernels.controls.problem import (
     GOAL_SPEED,
@@ -88,15 +88,22 @@ def _sample(value: NDArray[np.float64], n: int, field: NDArray[np.float32], fram
 
 
 @inner_kernel
-def wall_distances(value: NDArray[np.float64], n: int, field: StaticField, enough: float) -> None:
-    """Write to WALL what `clearance` returns for each of the first n rollouts, or for a footprint `clearance_within`."""
+def wall_distances(value: NDArray[np.float64], n: int, problem: ControlProblem, enough: float) -> None:
+    """Write to WALL what `clearance` returns for each of the first n rollouts; for a footprint in its heading `clearance_within`.
+
+    Robots with wheels go along their heading, and pass narrow corridors sooner without it.
+    """
+    field, keeps_heading = problem.field, problem.limits.drive == HOLONOMIC
     _sample(value, n, field.wall, field.wall_frame)
     for i in range(n):
         value[WALL + i] = value[SAMPLE + i]
     if len(field.discs) > 0:
         for i in range(n):
-            before = MotionState(value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], 0.0, 0.0)
-            value[WALL + i] = clearance_within(field, before, rollout_state(value, i), value[WALL + i], enough)
+            if keeps_heading:
+                before = MotionState(value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], 0.0, 0.0)
+                value[WALL + i] = clearance_within(field, before, rollout_state(value, i), value[WALL + i], enough)
+            elif value[WALL + i] < enough:
+                value[WALL + i] = clearance(field, rollout_state(value, i), enough)
 
 
 @inner_kernel
@@ -260,7 +267,7 @@ def _judge_abreast(sequences: NDArray[np.float64], problem: ControlProblem, limi
         _commands(sequences, k, batch, n)
         drive(value, n, limits, dt)
         # What walls and obstacles cost in this step.
-        wall_distances(value, n, field, w.wall_margin + w.wall_range)
+        wall_distances(value, n, problem, w.wall_margin + w.wall_range)
         _wall_costs(value, n, decay, problem)
         if outlook.near[k] > 0:
             obstacle_costs(batch, n, k, decay, problem)

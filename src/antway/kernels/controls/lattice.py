@@ -90,7 +90,7 @@ def _drive_arcs(lattice: Lattice, parent: int, first: int, count: int, problem: 
             new = first + batch.sequence[i]
             value[ONE + i], value[TWO + i] = lattice.command[new, q, 0], lattice.command[new, q, 1]
         drive(value, n, problem.limits, dt)
-        wall_distances(value, n, problem.field, w.wall_margin)
+        wall_distances(value, n, problem, w.wall_margin)
         if problem.outlook.near[k] > 0:
             obstacle_costs(batch, n, k, 1.0, problem)
         for i in range(n):

@@ -13,7 +13,9 @@ from antway.kernels.controls.motion import MotionState
 from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, StaticField
 
 _DETOUR = 0.1  # 1; a path longer than a straight line by this share of the distance at which `manoeuvre` ends goes round walls
-_FINE = 0.02  # m; between the ends of a step a footprint is judged this often, because its corners can pass those of walls
+_FINE = (
+    0.02  # m; a footprint that keeps its heading is judged this often in a step, because its corners can pass those of walls
+)
 _SHORT_TURN = 1.0  # s; a loss to the turning radius up to this is not counted, because rollouts and `lost_time` see short turns
 
 
@@ -111,10 +113,11 @@ def clearance(field: StaticField, at: MotionState, enough: float) -> float:
 def clearance_within(field: StaticField, before: MotionState, at: MotionState, wall: float, enough: float) -> float:
     """Return the least distance of a footprint from walls in a step from `before` to `at`, m, if it is below `enough`.
 
-    `wall` is the distance of the robot's disc at the end. The start has been judged as the end of the step before.
+    The footprint keeps its heading. `wall` is the distance of the robot's disc at the end. The start has been judged as the end
+    of the step before.
     """
-    dx, dy, turned = at.x - before.x, at.y - before.y, abs(before.cos * at.sin - before.sin * at.cos)
-    moved = math.sqrt(dx * dx + dy * dy) + turned * field.box[4]
+    dx, dy = at.x - before.x, at.y - before.y
+    moved = math.sqrt(dx * dx + dy * dy)
     if wall >= enough + moved:
         return wall
     least = clearance(field, at, enough)
@@ -123,9 +126,7 @@ def clearance_within(field: StaticField, before: MotionState, at: MotionState, w
     parts = math.ceil(moved / _FINE)
     for k in range(1, parts):
         share = k / parts
-        c, s = before.cos + share * (at.cos - before.cos), before.sin + share * (at.sin - before.sin)
-        norm = math.sqrt(c * c + s * s)
-        middle = MotionState(before.x + share * dx, before.y + share * dy, c / norm, s / norm, 0.0, 0.0)
+        middle = MotionState(before.x + share * dx, before.y + share * dy, at.cos, at.sin, 0.0, 0.0)
         least = min(least, clearance(field, middle, enough))
     return least
 
