@@ -89,7 +89,7 @@ def _sample(value: NDArray[np.float64], n: int, field: NDArray[np.float32], fram
 
 @inner_kernel
 def wall_distances(value: NDArray[np.float64], n: int, problem: ControlProblem, enough: float) -> None:
-    """Write to WALL what `clearance` returns for each of the first n rollouts; for a footprint in its heading `clearance_within`.
+    """Write to WALL what `clearance` returns for the first n rollouts; `clearance_within` for footprints without wheels.
 
     Robots with wheels go along their heading, and pass narrow corridors sooner without it.
     """
