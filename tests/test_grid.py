@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from antway import BadParameter, Grid, Moves, OutOfBounds
+from antway import BadParameter, Grid, Moves, OutOfBounds, load_map
 from common import cases, random_grid
 from naive import geometry_grid
 
@@ -185,3 +185,9 @@ def test_what_is_no_cell_is_refused(cell: object) -> None:
     for ask in (grid.is_free, grid.contains):
         with pytest.raises(BadParameter, match="cell"):
             ask(cell)  # type: ignore[arg-type]
+
+
+def test_a_place_off_the_map_is_told_where_the_map_is() -> None:
+    """In metres, which shows whoever has swapped x and y what is wrong."""
+    with pytest.raises(OutOfBounds, match=r"x from 0 to 24, y from 0 to 14 \(m\)"):
+        load_map("office").cell_at((3.0, 22.0))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from antway import BadInput, BadScenario, Grid, Outcome, RobotSpec, Task, TimedPath, TooLarge
+from antway import BadInput, BadScenario, Grid, Outcome, RobotSpec, Task, TimedPath, TooLarge, load_scenario, run
 from antway.world.policy import Decision
 from antway.world.timeline import Timeline
 from antway.world.trace import Trace
@@ -215,3 +216,10 @@ def test_timelines_refuse_what_does_not_fit() -> None:
     ):
         with pytest.raises(BadScenario, match="timeline"):
             wrong()
+
+
+def test_a_trace_shows_itself_in_one_line() -> None:
+    """The usual text of a dataclass had 294 kB."""
+    trace = run(replace(load_scenario("paper"), horizon=1.0), "stop").trace
+    assert trace is not None
+    assert repr(trace) == "Trace('paper', policy 'stop', 10 steps in 1.00 s: timeout)"

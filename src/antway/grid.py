@@ -211,7 +211,10 @@ class Grid:
         row, col = dy / self.resolution, dx / self.resolution
         rows, cols = self.shape
         if not (0 <= row < rows and 0 <= col < cols):
-            raise OutOfBounds("xy", (x, y), f"on the map of {cols} x {rows} cells of {self.resolution:g} m at {self.origin}")
+            (x0, y0), (x1, y1) = self.bounds().tolist()
+            turned = f", turned by {self.origin[2]:g} rad" if self.origin[2] != 0.0 else ""
+            allowed = f"on the map{turned}: x from {x0:g} to {x1:g}, y from {y0:g} to {y1:g} (m), less than the upper ends"
+            raise OutOfBounds("xy", (x, y), allowed)
         return int(row), int(col)
 
     def bounds(self) -> NDArray[np.float64]:

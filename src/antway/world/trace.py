@@ -43,7 +43,7 @@ class Outcome(Enum):
     ERROR = "error"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trace:
     """An episode of N control steps among K obstacles.
 
@@ -107,6 +107,11 @@ class Trace:
         arrays = self.t, self.xy, self.velocity, self.heading, self.turn_rate, self.command, self.sensed, self.cycle_ms
         for array in arrays:
             array.flags.writeable = False
+
+    def __repr__(self) -> str:
+        """Return one line, because arrays of an episode fill a screen hundreds of times."""
+        name, seconds = self.scenario or "no name", float(self.t[-1])
+        return f"Trace({name!r}, policy {self.policy!r}, {len(self)} steps in {seconds:.2f} s: {self.outcome.value})"
 
     def __len__(self) -> int:
         """Return the number of control steps."""
