@@ -303,12 +303,15 @@ def ray(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]:
 
 
 def _label(policy: str) -> str:
-    """Return a policy's name, and for MODULE:CLASS a hash of that file, so that rows of an earlier state do not count."""
+    """Return a policy's name, and for MODULE:CLASS a hash of that file, so that rows of an earlier state do not count.
+
+    The module has been imported.
+    """
     module, colon, _ = policy.partition("/")[0].partition(":")
-    spec = find_spec(module) if colon else None
-    if spec is None or spec.origin is None or not Path(spec.origin).is_file():
+    file = getattr(sys.modules.get(module), "__file__", None) if colon else None
+    if file is None or not Path(file).is_file():
         return policy
-    return f"{policy}-{hashlib.blake2b(Path(spec.origin).read_bytes(), digest_size=4).hexdigest()}"
+    return f"{policy}-{hashlib.blake2b(Path(file).read_bytes(), digest_size=4).hexdigest()}"
 
 
 def table_jobs(episodes: Iterable[Episode], policies: Iterable[str]) -> list[Job]:

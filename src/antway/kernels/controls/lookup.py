@@ -13,9 +13,7 @@ from antway.kernels.controls.motion import MotionState
 from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, StaticField
 
 _DETOUR = 0.1  # 1; a path longer than a straight line by this share of the distance at which `manoeuvre` ends goes round walls
-_FINE = (
-    0.02  # m; a footprint that keeps its heading is judged this often in a step, because its corners can pass those of walls
-)
+_FINE = 0.02  # m; this often in a step a footprint that keeps its heading is judged, as its corners can pass those of walls
 _SHORT_TURN = 1.0  # s; a loss to the turning radius up to this is not counted, because rollouts and `lost_time` see short turns
 
 
