@@ -188,7 +188,7 @@ def test_times_of_tracks_are_handed_to_kernels_without_gaps() -> None:
     tracker, hall = Tracker(), terrain_of(Grid(np.zeros((100, 100), np.bool_), 0.2))
     for n in (1, 3):
         xy = 9.0 * np.arange(n)[:, None] * np.ones(2)
-        tracker.update(Tracks(np.arange(n), xy, np.zeros((n, 2)), np.ones(n)), 0.5 * n, hall)
+        tracker.update(Tracks(np.arange(n), xy, np.zeros((n, 2)), np.ones(n)), 0.5 * n, hall, (1.0, 1.0), 4.0)
         assert tracker.last_seen.tolist() == [0.5 * n] * n and tracker.last_seen.strides == (8,)
 
 

@@ -109,7 +109,7 @@ def test_a_bounce_is_known_at_once_where_places_are_noisy(speed: float) -> None:
     for i in range(300):
         xy, velocity = np.array([[x, 2.0]]) + rng.normal(0.0, 0.03, (1, 2)), np.array([[vx, 0.0]])
         tracks = Tracks([3], xy, velocity + rng.normal(0.0, 1.0, (1, 2)) * speed, [0.3])
-        tracker.update(tracks, 0.1 * i, ROOM)
+        tracker.update(tracks, 0.1 * i, ROOM, (2.0, 2.0), 10.0)
         tracker.compare(0.1 * i, ROOM, np.empty((1, 4)))
         wrong.append(abs(tracker.estimates[0, VX] - vx))
         x += 0.1 * vx

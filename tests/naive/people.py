@@ -276,3 +276,19 @@ def turn_rates(scans, memory=0.3, later=0.4, least=0.05, lost=1.0, jump=4.0):
             straight, circle = sum((0.8**i * off for i, off in enumerate(reversed(own))), 2.0 * pool)
             out[name] = rate if circle < 0.5 * straight else 0.0
     return out
+
+
+def hidden(
+    place: np.ndarray, radius: float, others: list[tuple[np.ndarray, float]], eye: np.ndarray, walls: np.ndarray
+) -> bool:
+    """Whether a wall or another disc covers any point of the front of a disc, by samples along many lines of sight.
+
+    `others` are places and radii of discs; `walls` are the centres of blocked squares with an edge of 1 m.
+    """
+    across = np.array([[0.0, -1.0], [1.0, 0.0]]) @ (place - eye) / math.dist(place, eye)
+    for side in (-1.0, 0.0, 1.0):
+        line = eye + np.linspace(0.0, 1.0, 2000)[:, None] * (place + side * radius * across - eye)
+        if any((np.abs(line - wall).max(axis=1) < 0.5).any() for wall in walls):
+            return True
+    line = eye + np.linspace(0.0, 1.0, 2000)[1:-1, None] * (place - eye)
+    return any((np.hypot(*(line - at).T) < size + radius).any() for at, size in others)

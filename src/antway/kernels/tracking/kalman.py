@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import reflected, wall_ahead
+from antway.kernels.base.geometry import hits_walls, reflected, wall_ahead
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.kalman import measure_place
 from antway.kernels.base.records import Terrain
@@ -20,11 +20,13 @@ from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V, VX, VY, 
 from antway.kernels.tracking.table import Table, drop_lost, row_of, row_or_oldest
 
 # Columns of the track table after those of a track estimate, of which SIGMA and SIGMA_V are not used: the time of the last
-# scan with the track, and the variances of its place (m^2) and velocity (m^2/s^2) then, with their covariance between them.
-T, P11, P12, P22 = range(8, 12)
-COLUMNS = 12  # of the track table
+# scan with the track, the variances of its place (m^2) and velocity (m^2/s^2) then, with their covariance between them, and the
+# number of scans with it.
+T, P11, P12, P22, SCANS = range(8, 13)
+COLUMNS = 13  # of the track table
 UNKNOWN = 1.0  # m/s; standard deviation of the velocity of a track that was seen once without a measured velocity
 FAR = 0.3  # m; a track farther than this from its predicted place may be another one
+_INSIDE = 0.3  # m; who is expected nearer to the edge of the sensor's range may have left it
 _SHRINK = 0.1  # 1; a radius grows at once, and shrinks by this share of the difference with each scan
 _SWAYS = 0.08  # m/s; whoever is slower stands, and sways: with his last velocity he would be elsewhere in a few seconds.
 _AHEAD = 1.5  # 1; a bounce is looked for on the motion until now times this: places are wrong.
@@ -70,6 +72,7 @@ def update(
         row = table.rows[i]
         known = not math.isnan(velocity[k, 0] + velocity[k, 1])
         measured = measured and known
+        row[SCANS] = 1.0 if is_new else row[SCANS] + (1.0 if t > row[T] else 0.0)
         if is_new or variance[k, 0] < 0.0:
             row[ID], row[T], row[X], row[Y] = float(track_id[k]), t, xy[k, 0], xy[k, 1]
             row[VX], row[VY] = (velocity[k, 0], velocity[k, 1]) if known else (0.0, 0.0)
@@ -119,6 +122,60 @@ def update(
         estimate[SIGMA_V] = math.sqrt(max(row[P22], 0.0))
         fastest = max(fastest, speed)
     return known_tracks, fastest, measured
+
+
+@kernel
+def forget_ghosts(
+    rows: NDArray[np.float64],
+    used: NDArray[np.int64],
+    terrain: Terrain,
+    t: float,
+    track_id: NDArray[np.int64],
+    x: float,
+    y: float,
+    sensor_range: float,
+) -> None:
+    """Forget the tracks that the sensor saw in one scan alone, though nothing hides them now: probably nobody was there.
+
+    Such false alarms are common, and would be remembered for a second, like those whom something hides.
+
+    Parameters
+    ----------
+    rows, used
+        Of the track table, before `update`, which drops what is forgotten.
+    terrain : Terrain
+    t, track_id : float, int64[K]
+        The scan, as in `update`.
+    x, y, sensor_range : float
+        Place of the robot, and how far its sensor sees, m.
+    """
+    for i in range(used[0]):
+        row = rows[i]
+        if row[SCANS] == 1.0 and row[T] < t and not _has(track_id, row[ID]):
+            age = t - row[T]
+            ox, oy = row[X] + row[VX] * age, row[Y] + row[VY] * age
+            if math.hypot(ox - x, oy - y) < sensor_range - _INSIDE and not _may_be_hidden(rows[: used[0]], i, terrain, t, x, y):
+                row[T] = -math.inf
+
+
+@bare_kernel
+def _may_be_hidden(rows: NDArray[np.float64], i: int, terrain: Terrain, t: float, x: float, y: float) -> bool:
+    """Tell whether a wall or another track hides a part of track i from (x, y)."""
+    age, radius = t - rows[i, T], rows[i, RADIUS]
+    dx, dy = rows[i, X] + rows[i, VX] * age - x, rows[i, Y] + rows[i, VY] * age - y
+    distance = math.hypot(dx, dy)
+    if distance <= radius:
+        return False
+    ux, uy = dx / distance, dy / distance
+    for side in (-radius, 0.0, radius):
+        if hits_walls(terrain, x, y, x + dx - side * uy, y + dy + side * ux, 0.0, False):
+            return True
+    for j in range(len(rows)):
+        px, py = rows[j, X] + rows[j, VX] * (t - rows[j, T]) - x, rows[j, Y] + rows[j, VY] * (t - rows[j, T]) - y
+        before = 0.0 < px * ux + py * uy < distance
+        if j != i and before and abs(px * uy - py * ux) < rows[j, RADIUS] + radius:
+            return True
+    return False
 
 
 @kernel

@@ -308,7 +308,7 @@ class AntwayPolicy:
         """Update the track estimates with a scan."""
         s, t = self._state, o.sensed_at
         fit_tables(s, len(o.tracks))
-        s.tracker.update(o.tracks, t, s.terrain)
+        s.tracker.update(o.tracks, t, s.terrain, o.xy, s.task.robot.sensor_range)
         s.tracker.compare(t, s.terrain, s.crowd.changes)
         estimates = s.tracker.estimates
         # A track that is not in this scan may have turned back at the edge already.

@@ -93,11 +93,12 @@ class Tracker:
         self._largest = np.zeros(2)  # the largest variances that innovations have shown, if places were not nearly exact
         self.pool, self._turns = np.zeros(averages.POOL), np.array([changes.FIRST_SECONDS, 0.0, 0.0])
 
-    def update(self, tracks: Tracks, t: float, terrain: Terrain) -> None:
-        """Update the estimates with a scan at time `t` s."""
+    def update(self, tracks: Tracks, t: float, terrain: Terrain, xy: XY, sensor_range: float) -> None:
+        """Update the estimates with a scan at time `t` s by a robot at `xy` whose sensor sees so far, m."""
         variance = self._variances(tracks, t)
         scan = tracks.id, tracks.xy, tracks.velocity, tracks.radius, variance
         rows, used, _ = self.table
+        call(kalman.forget_ghosts, rows, used, terrain, t, tracks.id, *xy, sensor_range)
         call(kalman.bounce, rows, used, terrain, t, *scan[:3], variance)
         known, fastest, self._has_velocities = kalman.update(rows, used, t, *scan, _AGILITY, self._estimates)
         self.estimates, self.fastest = self._estimates[:known], max(self.fastest, fastest)
