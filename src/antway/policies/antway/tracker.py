@@ -93,8 +93,11 @@ class Tracker:
         self._largest = np.zeros(2)  # the largest variances that innovations have shown, if places were not nearly exact
         self.pool, self._turns = np.zeros(averages.POOL), np.array([changes.FIRST_SECONDS, 0.0, 0.0])
 
-    def update(self, tracks: Tracks, t: float, terrain: Terrain, xy: XY, sensor_range: float) -> None:
-        """Update the estimates with a scan at time `t` s by a robot at `xy` whose sensor sees so far, m."""
+    def update(self, tracks: Tracks, t: float, terrain: Terrain, xy: XY = (0.0, 0.0), sensor_range: float = 0.0) -> None:
+        """Update the estimates with a scan at time `t` s.
+
+        False alarms within `sensor_range` m of the robot at `xy` m are forgotten.
+        """
         variance = self._variances(tracks, t)
         scan = tracks.id, tracks.xy, tracks.velocity, tracks.radius, variance
         rows, used, _ = self.table
