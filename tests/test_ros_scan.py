@@ -253,6 +253,17 @@ def test_nameless_tracks_are_told_apart_by_nearness() -> None:
         assert len(tracker.update(t, Tracks.none())) == left
 
 
+def test_a_false_alarm_is_returned_once():
+    """Who was seen twice is remembered for a second; the policy decides about who was seen once, as it knows the map."""
+    tracker, none = Tracker(), without_ids((np.empty((0, 2)), np.empty(0)))
+    one, two = np.array([[1.0, 1.0]]), np.array([[1.0, 1.0], [5.0, 5.0]])
+    assert len(tracker.update(0.0, without_ids((one, np.full(1, 0.3))))) == 1
+    assert len(tracker.update(0.1, without_ids((two, np.full(2, 0.3))))) == 2
+    found = tracker.update(0.2, none)
+    assert len(found) == 1 and found.xy[0] == pytest.approx((1.0, 1.0))
+    assert len(tracker.update(1.2, none)) == 0
+
+
 def test_of_more_discs_than_it_can_follow_it_follows_the_nearest() -> None:
     """Those around the robot, wherever they are listed."""
     xy = np.column_stack((np.arange(400.0), np.zeros(400)))

@@ -231,6 +231,7 @@ class Tracker:
     def update(self, t: float, seen: Tracks, xy: XY = (0.0, 0.0)) -> Tracks:
         """Update with the tracks seen at `t` s; return all tracks that should be there at `t`. If time goes back, restart.
 
+        A track that was seen once is returned that once: the policy, which knows the map, decides whether something hides it.
         Of too many, those nearest to the robot at `xy` m are followed. Complete tracks are returned unchanged. Tracks without
         an id (-1, or one that occurs twice) get one.
         """
@@ -248,7 +249,9 @@ class Tracker:
         rows, used, _ = self.table
         known, _, _ = kalman.update(rows, used, t, *scan, _AGILITY, self.estimates)
         table, estimate = rows[:known], self.estimates[:known]
-        covariance = np.zeros((known, 4, 4))
+        there = (table[:, kalman.T] == t) | (table[:, kalman.SCANS] > 1.0)
+        table, estimate = table[there], estimate[there]
+        covariance = np.zeros((len(table), 4, 4))
         age = t - table[:, kalman.T]
         for place, speed in ((0, 2), (1, 3)):
             covariance[:, place, place] = estimate[:, SIGMA] ** 2
