@@ -37,12 +37,12 @@ def uninterrupted() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def spare_collections() -> None:
-    """Collect garbage at the first call, and leave what is alive then out of later collections.
+    """Leave what is there at the first call out of all later collections of garbage.
 
     Numba keeps some 100,000 objects, and to look at all of them takes 60 to 100 ms, in the middle of a control cycle. This is
-    for processes that control a robot, once what they need is loaded.
+    for processes that control a robot, once what they need is loaded. Garbage that is there then stays: to collect it would
+    take as long, while the robot's odometry comes.
     """
-    gc.collect()
     gc.freeze()
 
 
