@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import multiprocessing
 import os
@@ -28,7 +27,7 @@ from antway import checks
 from antway.arena import metrics
 from antway.arena.causes import with_cause
 from antway.arena.store import Key, Results, Row
-from antway.arena.suites import Episode, stage
+from antway.arena.suites import Episode, content_hash, stage
 from antway.errors import BadParameter
 from antway.processes import uninterrupted
 from antway.version import __version__
@@ -311,7 +310,7 @@ def _label(policy: str) -> str:
     file = getattr(sys.modules.get(module), "__file__", None) if colon else None
     if file is None or not Path(file).is_file():
         return policy
-    return f"{policy}-{hashlib.blake2b(Path(file).read_bytes(), digest_size=4).hexdigest()}"
+    return f"{policy}-{content_hash(file)}"
 
 
 def table_jobs(episodes: Iterable[Episode], policies: Iterable[str]) -> list[Job]:

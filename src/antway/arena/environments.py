@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import itertools
 import math
@@ -15,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from antway.arena.suites import Chance, Suite
+from antway.arena.suites import Chance, Suite, content_hash
 from antway.errors import BadMap, BadScenario, TooLarge
 from antway.grid import Cell, Grid
 from antway.limits import MAX_ORIGIN, MAX_PLACE
@@ -86,7 +85,8 @@ def maps(file: str) -> Suite:
             name=f"{Path(file).name} {group}",
         )
 
-    return Suite(f"maps:{_content(*files_of(file))}", tuple(DENSITIES), make, default=20)
+    files = files_of(file)
+    return Suite(f"maps:{files[0].name}-{content_hash(*files)}", tuple(DENSITIES), make, default=20)
 
 
 def tracks(file: str) -> Suite:
@@ -136,7 +136,7 @@ def tracks(file: str) -> Suite:
                 )
         raise BadScenario("tracks", file, f"a recording with starts that are {_CLEAR[-1]:g} m from everybody")
 
-    return Suite(f"tracks:{_content(file)}", ("all",), make, default=50)
+    return Suite(f"tracks:{Path(file).name}-{content_hash(file)}", ("all",), make, default=50)
 
 
 def read_tracks(file: str) -> NDArray[np.float64]:
@@ -321,9 +321,3 @@ def _pick(chance: Chance, cells: NDArray[np.int64]) -> Cell:
     """Return one of the cells at random."""
     row, col = cells[chance.integer(0, len(cells))].tolist()
     return row, col
-
-
-def _content(*files: str | Path) -> str:
-    """Return the first file's name and a hash of the contents of all, for the name of a suite."""
-    data = b"".join(Path(file).read_bytes() for file in files)
-    return f"{Path(files[0]).name}-{hashlib.blake2b(data, digest_size=4).hexdigest()}"

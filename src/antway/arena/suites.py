@@ -45,6 +45,11 @@ def seed_of(*parts: object) -> int:
     return int.from_bytes(hashlib.blake2b(text, digest_size=8).digest(), "big") >> 1
 
 
+def content_hash(*files: str | Path) -> str:
+    """Return eight hexadecimal digits that tell the contents of these files, for names in tables."""
+    return hashlib.blake2b(b"".join(Path(file).read_bytes() for file in files), digest_size=4).hexdigest()
+
+
 class Chance:
     """A stream of random choices from a seed."""
 

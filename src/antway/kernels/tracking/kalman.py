@@ -152,17 +152,22 @@ def forget_ghosts(
     for i in range(used[0]):
         row = rows[i]
         if row[SCANS] == 1.0 and row[T] < t and not _has(track_id, row[ID]):
-            age = t - row[T]
-            ox, oy = row[X] + row[VX] * age, row[Y] + row[VY] * age
-            if math.hypot(ox - x, oy - y) < sensor_range - _INSIDE and not _may_be_hidden(rows[: used[0]], i, terrain, t, x, y):
+            dx, dy = _seen_from(row, t, x, y)
+            if math.hypot(dx, dy) < sensor_range - _INSIDE and not _may_be_hidden(rows[: used[0]], i, terrain, t, x, y):
                 row[T] = -math.inf
+
+
+@bare_kernel
+def _seen_from(row: NDArray[np.float64], t: float, x: float, y: float) -> tuple[float, float]:
+    """Return where from (x, y) a track is expected at time `t` s, m."""
+    age = t - row[T]
+    return row[X] + row[VX] * age - x, row[Y] + row[VY] * age - y
 
 
 @bare_kernel
 def _may_be_hidden(rows: NDArray[np.float64], i: int, terrain: Terrain, t: float, x: float, y: float) -> bool:
     """Tell whether a wall or another track hides a part of track i from (x, y)."""
-    age, radius = t - rows[i, T], rows[i, RADIUS]
-    dx, dy = rows[i, X] + rows[i, VX] * age - x, rows[i, Y] + rows[i, VY] * age - y
+    (dx, dy), radius = _seen_from(rows[i], t, x, y), rows[i, RADIUS]
     distance = math.hypot(dx, dy)
     if distance <= radius:
         return False
@@ -171,7 +176,7 @@ def _may_be_hidden(rows: NDArray[np.float64], i: int, terrain: Terrain, t: float
         if hits_walls(terrain, x, y, x + dx - side * uy, y + dy + side * ux, 0.0, False):
             return True
     for j in range(len(rows)):
-        px, py = rows[j, X] + rows[j, VX] * (t - rows[j, T]) - x, rows[j, Y] + rows[j, VY] * (t - rows[j, T]) - y
+        px, py = _seen_from(rows[j], t, x, y)
         before = 0.0 < px * ux + py * uy < distance
         if j != i and before and abs(px * uy - py * ux) < rows[j, RADIUS] + radius:
             return True
