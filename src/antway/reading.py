@@ -32,12 +32,7 @@ _BLOCK = 2**20  # bytes of text that are split into words at once
 def opened(path: Path, most: int, *, error: type[BadInput] = BadMap, field: str = "file") -> Iterator[tuple[BinaryIO, int]]:
     """Open the regular file `path` of at most `most` bytes; yield the file and its size in bytes.
 
-    Raises
-    ------
-    error
-        If the file does not exist, cannot be read, or is a folder, pipe or device. None of these blocks.
-    TooLarge
-        If it is larger.
+    What does not exist, cannot be read, or is a folder, pipe or device is an `error`, and none of these blocks.
     """
     where = str(path)
     try:
@@ -140,12 +135,8 @@ def read_toml_file(path: Path, most: int, field: str) -> dict[str, Any]:
 def check_yaml(data: bytes, where: str, *, events: int, depth: int, aliases: int, error: type[BadInput] = BadMap) -> list[str]:
     """Parse YAML without making objects, and return its scalars.
 
-    Raises
-    ------
-    TooLarge
-        If there are more events, nested lists or references than allowed; a few references can expand to endless values.
-    error
-        If it is not well-formed, or has tags that ask for objects.
+    What is not well-formed, or has tags that ask for objects, is an `error`; more events, nested lists or references than
+    allowed are `TooLarge`, because a few references can expand to endless values.
     """
     letters = np.frombuffer(data, dtype=np.uint8)
     nested = np.cumsum(np.isin(letters, list(b"[{")).astype(np.int64) - np.isin(letters, list(b"]}")))
@@ -187,13 +178,7 @@ def word_blocks(data: bytes, block: int = _BLOCK) -> Iterator[list[bytes]]:
 
 
 def numbers_in(data: bytes, most: int, where: str, *, field: str = "numbers") -> NDArray[np.float64]:
-    """Return the numbers in `data`, at most `most`, separated by white space, float64[N]; they are read block by block.
-
-    Raises
-    ------
-    BadMap
-        If there are more than `most` numbers, or anything but numbers.
-    """
+    """Return the numbers in `data`, separated by white space, float64[N]; more than `most`, or anything else, is a `BadMap`."""
     parts, count = [np.empty(0)], 0
     for words in word_blocks(data):
         count += len(words)

@@ -299,20 +299,11 @@ def _moves(trace: Trace, states: Floats) -> Floats:
 
 
 def _least_within(gap: Floats, moves: Floats, gaps: Callable[[NDArray[np.int64], Floats], Floats], tolerance: float) -> Floats:
-    """Return the least gap in each cycle, float64[N].
+    """Return the least gap in each cycle, float64[N], from those at its samples, float64[N, S], m.
 
     The intervals between samples are halved until none is left in which the gap could be below -`tolerance`, m, because robot
-    and obstacle together move farther than the gaps at its ends.
-
-    Parameters
-    ----------
-    gap : float64[N, S]
-        At the samples, m.
-    moves : float64[N, S - 1]
-        How far robot and obstacle together move between two samples, m.
-    gaps : function
-        Returns the gap at a share in [0, 1] of an interval, which is given by the number of its first sample among all N S.
-    tolerance : float
+    and obstacle together move farther than the gaps at its ends: by `moves`, float64[N, S - 1], m, in a whole interval. `gaps`
+    returns the gap at a share in [0, 1] of an interval, which is given by the number of its first sample among all N S.
     """
     least: Floats = gap.min(axis=1)
     samples = gap.shape[1]

@@ -15,12 +15,7 @@ SHORT = 1e-6  # m; distance to a wall that a step leaves
 def look_ahead(task: Task, o: Observation, path: TimedPath, within: float) -> XY:
     """Return the farthest visible node of `path`, at most `within` m along it, or the goal if it is visible.
 
-    Parameters
-    ----------
-    path : TimedPath
-        From the robot to the goal, at full speed; not empty.
-    within : float
-        m, > 0.
+    `path` leads from the robot to the goal at full speed, and is not empty.
     """
     if clear(task, o.xy, task.goal):
         return task.goal

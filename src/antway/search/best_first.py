@@ -32,10 +32,7 @@ def faces(moves: Moves) -> NDArray[np.float64]:
 class Search:
     """A search from `sources` by the kernel `best_first`, in slices between which the clock is read.
 
-    Attributes
-    ----------
-    label : float64[cells]
-        Cost of the best path to each cell so far, in cells.
+    `label`, float64[cells], is the cost of the best path to each cell so far, in cells.
     """
 
     def __init__(

@@ -95,10 +95,7 @@ def free_cells(name: str, value: object, grid: Grid) -> list[Cell]:
 class DijkstraField:
     """Distances that spread over a lattice from its sources; see `kernels.search.distance_field`.
 
-    Attributes
-    ----------
-    label : float64[cells]
-        Distance of each cell in units of 1 / STRAIGHT cells.
+    `label`, float64[cells], is the distance of each cell in units of 1 / STRAIGHT cells.
     """
 
     def __init__(self, net: Lattice, sources: list[Cell], targets: list[Cell], within: float = math.inf) -> None:

@@ -78,10 +78,7 @@ def _unlinked(n: int, edges: int) -> Memory:
 class Hierarchy:
     """The contraction hierarchy over the corners of a map with `Moves.EIGHT`; any thread may use it.
 
-    Attributes
-    ----------
-    pays : bool
-        Whether there is one, once `make` returned True.
+    Once `make` returned True, `pays` says whether there is one.
     """
 
     def __init__(self) -> None:

@@ -23,53 +23,23 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TourTask:
-    """A task of `plan_tour`; its arguments are those of `plan_tour`, which it checks.
+    """A task of `plan_tour`; its arguments are those of `plan_tour`, which it checks."""
 
-    Attributes
-    ----------
-    grid : Grid
-        The map, not inflated.
-    start : (x, y)
-        m.
-    stops : float64[N, 2]
-        (x, y) of each stop in m.
-    names : tuple of str
-        Names of the stops.
-    end : (x, y), "start" or None
-        Where robots end: at that point in m, at the start, or at their last stops.
-    windows : float64[N, 2]
-        Earliest and latest start of service in s; 0 and infinite if there is no window.
-    service : float64[N]
-        Duration of each stop, s.
-    priorities : float64[N] or None
-        Value of each stop; None: all must be visited.
-    deadline : float
-        Latest end time of each robot, s.
-    robots : int
-    objective : str
-        "travel time" or "makespan".
-    speed, robot_radius : float
-        m/s, m.
-    moves : Moves
-    costs : float64[H, W] or None
-        Cost of each cell (see `antway.search.costs`): the factor by which a metre takes longer there.
-    """
-
-    grid: Grid
-    start: Point
-    stops: Floats
+    grid: Grid  # not inflated
+    start: Point  # m
+    stops: Floats  # [N, 2] m
     names: tuple[str, ...]
-    end: Point | Literal["start"] | None
-    windows: Floats
-    service: Floats
-    priorities: Floats | None
-    deadline: float
+    end: Point | Literal["start"] | None  # where robots end: at that point in m, at the start, or at their last stops
+    windows: Floats  # [N, 2] earliest and latest start of service in s; 0 and infinite if there is no window
+    service: Floats  # [N] s
+    priorities: Floats | None  # [N]; None: all stops must be visited
+    deadline: float  # s; latest end of each robot
     robots: int
-    objective: str
-    speed: float
-    robot_radius: float
+    objective: str  # "travel time" or "makespan"
+    speed: float  # m/s
+    robot_radius: float  # m
     moves: Moves
-    costs: Floats | None
+    costs: Floats | None  # [H, W] cost of each cell (see `search.costs`): the factor by which a metre takes longer there
 
     def __post_init__(self) -> None:
         grid = checks.instance("grid", self.grid, Grid)

@@ -20,19 +20,10 @@ _AHEAD = 60  # limit of corners that a leg may skip
 
 
 def stop_at_corners(points: ArrayLike, robot: RobotSpec) -> Motion:
-    """Return the fastest motion along a polyline that stops at every vertex, where wheels turn in place.
+    """Return the fastest motion along a polyline, float64[N, 2], m, that stops at every vertex, where wheels turn in place.
 
-    Parameters
-    ----------
-    points : float64[N, 2]
-        m; equal neighbours count once. Wheels start with the heading of the first leg and end with that of the last.
-    robot : RobotSpec
-        Infinite accelerations count as 1000 m/s^2 and rad/s^2.
-
-    Raises
-    ------
-    BadParameter
-        For an ackermann drive and a polyline that turns: it cannot turn in place.
+    Equal neighbours count once. Wheels start with the heading of the first leg and end with that of the last. Infinite
+    accelerations count as 1000 m/s^2 and rad/s^2.
 
     Examples
     --------

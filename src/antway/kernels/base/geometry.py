@@ -25,25 +25,9 @@ TOUCH = 1e-9  # in the unit of the call; a contact is a distance smaller than th
 def swept_discs(px: float, py: float, vx: float, vy: float, contact_radius: float, dt: float) -> tuple[float, float, float]:
     """Return the first contact and the closest approach over [0, dt] of two discs in uniform linear motion.
 
-    Parameters
-    ----------
-    px, py : float
-        Place of the second disc's centre seen from the first's, at time 0.
-    vx, vy : float
-        Velocity of the second relative to the first.
-    contact_radius : float
-        Sum of the radii.
-    dt : float
-        Length of the step in s, >= 0.
-
-    Returns
-    -------
-    first : float
-        Time of the first contact in s, infinite if there is none: the smaller root of |p + v t|^2 = contact_radius^2.
-    distance : float
-        Least distance of the centres.
-    when : float
-        Time of that least distance in s: -p.v / v.v held within [0, dt].
+    The second disc starts at p = (px, py) with the velocity v = (vx, vy), both seen from the first; `contact_radius` is the sum
+    of the radii. Returns the time of the first contact in s, infinite if there is none: the smaller root of |p + v t|^2 =
+    contact_radius^2; the least distance of the centres; and its time in s: -p.v / v.v held within [0, dt].
     """
     vv = vx * vx + vy * vy
     pv = px * vx + py * vy
@@ -70,19 +54,8 @@ def swept_timeline(
 ) -> tuple[float, float, float]:
     """Return first contact and closest approach of timeline k and a disc that goes from (ax, ay) at t0 to (bx, by) at t1.
 
-    Parameters
-    ----------
-    ax, ay, bx, by, t0, t1 : float
-        The straight step at constant speed, t0 <= t1; with t0 == t1 the disc stands at (ax, ay).
-    contact_radius : float
-        Sum of the radii.
-    trajectories, k
-        The timeline.
-
-    Returns
-    -------
-    first, distance, when : float
-        As `swept_discs`, with absolute times.
+    The step is straight at constant speed; with t0 == t1 the disc stands at (ax, ay). `contact_radius` is the sum of the radii.
+    The results are those of `swept_discs`, with absolute times.
     """
     span = t1 - t0
     ux, uy = ((bx - ax) / span, (by - ay) / span) if span > 0.0 else (0.0, 0.0)
@@ -186,15 +159,8 @@ def segment_hits_cells(
 ) -> bool:
     """Tell whether a disc whose centre moves from (ar, ac) to (br, bc) comes into contact with a blocked cell.
 
-    Parameters
-    ----------
-    blocked : bool[H, W]
-    ar, ac, br, bc : float
-        Real-valued (row, col), integers at cell centres.
-    radius : float
-        In cells, >= 0.
-    walled : bool
-        Whether everything off the map counts as blocked.
+    The points are real-valued (row, col), integers at cell centres, and the radius is in cells. If `walled`, everything off the
+    map counts as blocked.
     """
     rows, cols = blocked.shape
     least, most = radius - TOUCH - 0.5, 0.5 - radius + TOUCH
@@ -256,15 +222,9 @@ def first_wall(
 ) -> tuple[float, float, float]:
     """Return the first contact of a disc that moves from (row, col) by (dr, dc) with a blocked cell or an edge of the map.
 
-    All lengths are in cells, integers at cell centres. The segment is scanned a few cells at a time.
-
-    Returns
-    -------
-    share : float
-        Share of the segment, in [0, 1], at which the contact happens; infinite if there is none. A wall that the disc touches
-        but does not move towards does not count.
-    n_row, n_col : float
-        Unit normal at the contact, from the wall to the disc.
+    All lengths are in cells, integers at cell centres. The segment is scanned a few cells at a time. Returns the share of the
+    segment, in [0, 1], at which the contact happens, infinite if there is none, and the unit normal (n_row, n_col) there, from
+    the wall to the disc. A wall that the disc touches but does not move towards does not count.
     """
     rows, cols = blocked.shape
     r = max(radius - TOUCH, 0.0)

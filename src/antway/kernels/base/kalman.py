@@ -11,25 +11,11 @@ def measure_place(
 ) -> tuple[float, float, float, float, float]:
     """Predict a covariance `dt` s ahead and update it by a measured place; return the gains and the new covariance.
 
-    Parameters
-    ----------
-    p11, p12, p22 : float
-        Variance of the place (m^2), covariance with the velocity (m^2/s), variance of the velocity (m^2/s^2).
-    dt : float
-        s, > 0.
-    agility : float
-        Standard deviation of the mean of the white acceleration over `dt`, m/s^2.
-    variance : float
-        Of the measured place, m^2, >= 0.
+    The covariance is p11, the variance of the place (m^2), p12, the covariance with the velocity (m^2/s), and p22, the variance
+    of the velocity (m^2/s^2). `agility` is the standard deviation of the mean of the white acceleration over `dt`, m/s^2;
+    `variance`, m^2, is that of the measured place. The gains g1 and g2 say by how much of the innovation (measured less
+    predicted place) the place and the velocity (1/s) change.
 
-    Returns
-    -------
-    g1, g2 : float
-        By how much of the innovation (measured less predicted place) the place and the velocity (1/s) change.
-    p11, p12, p22 : float
-
-    Notes
-    -----
     Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, ch. 6.2.2, where the
     acceleration is continuous white noise. With an acceleration that is constant between measurements (their ch. 6.3.2) and
     exact places, a wrong velocity would oscillate for ever: it becomes twice the mean velocity minus itself at each update.

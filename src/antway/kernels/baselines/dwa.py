@@ -36,19 +36,11 @@ def roll_out(
     obstacles: Obstacles,
     out: NDArray[np.float64],
 ) -> None:
-    """Drive each candidate command for `steps` control periods, or to the first contact.
+    """Drive each candidate velocity, m/s, for `steps` control periods of `dt` s, or to the first contact.
 
-    Parameters
-    ----------
-    candidates : float64[C, 2]
-        Commanded velocities, m/s.
-    state : RobotState
-        With the velocity (vx, vy); the robot moves as in `kernels.robot.dynamics.drive`.
-    dt, steps
-        Control period in s, and the number of periods.
-    out : float64[C, 5]
-        For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
-        wall or none), speed at the end of the first period, and the robot's place after that period.
+    The state has the velocity (vx, vy), and the robot moves as in `kernels.robot.dynamics.drive`. Written to `out`,
+    float64[C, 5], for each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched
+    (-1: a wall or none), speed at the end of the first period, and the robot's place after that period.
     """
     size = terrain.resolution
     for c in range(len(candidates)):
@@ -97,18 +89,10 @@ def roll_out_twists(
 ) -> None:
     """Drive each candidate twist for `steps` control periods, or to the first contact, by the dynamics of wheels with ramps.
 
-    Parameters
-    ----------
-    candidates : float64[C, 2]
-        Speed in m/s, negative in reverse, and turn rate in rad/s.
-    aim : int
-        Number of periods, >= 1, after which place and heading are written.
-    dt, steps
-        As in `roll_out`. Within a period the robot moves along the chord of its arc.
-    out : float64[C, 7]
-        For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
-        wall or none), speed at the end of the first period, x, y and heading after `aim` periods or where it stopped, and
-        whether a period of the command followed by braking with its turn rate keeps clear of walls (`stops_clear`).
+    A twist is a speed in m/s, negative in reverse, and a turn rate in rad/s. Within a period the robot moves along the chord of
+    its arc. Written to `out`, float64[C, 7], for each candidate: the first three as in `roll_out`, x, y and heading after `aim`
+    periods, >= 1, or where it stopped, and whether a period of the command followed by braking with its turn rate keeps clear
+    of walls (`stops_clear`).
     """
     for c in range(len(candidates)):
         now, contact, obstacle = state, math.inf, -1

@@ -49,25 +49,10 @@ def shunt(
 ) -> float:
     """Let `span` s pass for each neuron: dx/dt = -A x + (B - x)(max(I, 0) + sum_j mu [x_j]+ / d_j) - (D + x) max(-I, 0).
 
-    With constant neighbours the equation is linear, and its exact solution is an exponential.
-
-    Parameters
-    ----------
-    x : float64[H, W]
-        Activities, changed in place, within [-D, B].
-    kind : uint8[H, W]
-        The input I is `drive` at targets, -`drive` at closed cells, else 0.
-    decay, upper, lower, mu, drive : float
-        A, B, D, mu and E of the papers.
-    span : float
-        s; if infinite, each neuron gets its stationary value.
-    order : int
-        0 to 3: the direction in which rows and columns are visited.
-
-    Returns
-    -------
-    float
-        Largest change relative to the activity before.
+    With constant neighbours the equation is linear, and its exact solution is an exponential; with an infinite `span` each
+    neuron gets its stationary value. `decay`, `upper`, `lower`, `mu` and `drive` are A, B, D, mu and E of the papers. The input
+    I is `drive` at targets, -`drive` at closed cells, else 0. The activities x stay within [-D, B]; `order`, 0 to 3, is the
+    direction in which rows and columns are visited. Returns the largest change relative to the activity before.
     """
     rows, cols = x.shape
     change = 0.0
@@ -137,10 +122,7 @@ def _linked(kind: NDArray[np.uint8], row: int, col: int, r: int, c: int) -> bool
 def ascend(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int, steps: int) -> NDArray[np.int64]:
     """Go from cell to most active neighbour for at most `steps` steps, or until no neighbour is more active.
 
-    Returns
-    -------
-    int64[N, 2]
-        The cells after the first; empty if no neighbour is active and more active than the cell.
+    Returns the cells after the first, int64[N, 2]; empty if no neighbour is active and more active than the cell.
     """
     path = np.empty((steps, 2), np.int64)
     for n in range(steps):

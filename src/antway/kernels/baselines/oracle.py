@@ -17,23 +17,9 @@ from antway.kernels.tracking.tubes import first_met
 def first_contact(
     t: NDArray[np.float64], xy: NDArray[np.float64], robot_radius: float, terrain: Terrain, trajectories: Trajectories
 ) -> float:
-    """Return when a robot on a polyline touches an obstacle, or starts a leg that touches a wall.
+    """Return when a robot that is at `xy[i]` m at `t[i]` s touches an obstacle, or starts a leg that touches a wall or an edge.
 
-    Parameters
-    ----------
-    t, xy : float64[N], float64[N, 2]
-        s, increasing, and m.
-    robot_radius : float
-        m.
-    terrain : Terrain
-        Its edges count as walls.
-    trajectories : Trajectories
-        The moving discs.
-
-    Returns
-    -------
-    float
-        s, infinite if never.
+    The result is in s, infinite if it never does.
     """
     for i in range(len(t) - 1):
         ax, ay, bx, by = xy[i, 0], xy[i, 1], xy[i + 1, 0], xy[i + 1, 1]

@@ -24,26 +24,11 @@ def wall_force(
 ) -> tuple[float, float, float]:
     """Return the repulsion of a disc from walls, for a gain of 1; each wall acts from its nearest point.
 
-    At a distance d below `influence` the potential is (1/d - 1/influence)^2 / 2 and the force (1/d - 1/influence) / d^2, away
-    from that point.
-
-    Parameters
-    ----------
-    label : int32[H, W]
-        0 for free cells, w for cells of wall w, 1 <= w <= W. The four edges of the map are walls of their own.
-    frame : float64[3]
-        x and y of the map's corner and the edge of a cell, m.
-    x, y, radius : float
-        The disc, m.
-    influence : float
-        Distance from which walls act, m, > 0.
-    near : float64[W + 5, 3]
-        Scratch: distance of each wall, and the direction from it to the disc.
-
-    Returns
-    -------
-    fx, fy, u : float
-        Sum of the forces, and twice the sum of the potentials.
+    At a distance d below `influence`, m, the potential is (1/d - 1/influence)^2 / 2 and the force (1/d - 1/influence) / d^2,
+    away from that point. `label` is 0 for free cells, w for cells of wall w, 1 <= w <= W; the four edges of the map are walls
+    of their own. `frame` is x and y of the map's corner and the edge of a cell, float64[3], m. `near`, float64[W + 5, 3], is
+    scratch: distance of each wall, and the direction from it to the disc. Returns the sum of the forces, (fx, fy), and twice
+    the sum of the potentials.
     """
     rows, cols = label.shape
     size = frame[2]
@@ -91,25 +76,8 @@ def disc_force(
     Let d be the distance between the edges, v the speed of approach along the line n of the centres, v' e the rest of the
     relative velocity, and b = v^2 / 2a the braking distance. The potential is 1 / (d - b) - 1 / influence where v > 0 and
     d - b < influence. The force is (-(1 + v/a) n + v v' / (a r) e) / (d - b)^2, where r is the distance of the centres (the
-    paper writes d; for discs the gradient gives r).
-
-    Parameters
-    ----------
-    x, y, vx, vy, radius : float
-        The disc, m and m/s.
-    brake : float
-        Deceleration a, m/s^2, > 0.
-    influence : float
-        m, > 0.
-    xy, velocity, radii : float64[K, 2], float64[K, 2], float64[K]
-        The moving discs, m and m/s.
-
-    Returns
-    -------
-    fx, fy : float
-        Sum of the forces.
-    obstacle : int
-        Index of the disc with the strongest force, -1 for none.
+    paper writes d; for discs the gradient gives r). `brake` is the deceleration a, m/s^2; the moving discs are `xy`, `velocity`
+    and `radii`, m and m/s. Returns the sum of the forces, (fx, fy), and the disc with the strongest force, -1 for none.
     """
     fx = fy = most = 0.0
     obstacle = -1

@@ -262,12 +262,8 @@ def anneal(
 ) -> None:
     """Ruin and recreate `iterations` times at one temperature, from the routes `current` on; r is scratch.
 
-    Parameters
-    ----------
-    record : float64[3]
-        Objective of `current` (COST), priorities (BEST_WORTH) and objective (BEST_COST) of `best`; kept up to date.
-    temperature : float
-        In the unit of the objective; a worse result is kept with the probability exp(-increase / temperature).
+    A worse result is kept with the probability exp(-increase / temperature). `record` is kept up to date: the objective of
+    `current` (COST), and priorities (BEST_WORTH) and objective (BEST_COST) of `best`.
     """
     state = np.array([seed], dtype=np.uint64)
     n = len(r.route)

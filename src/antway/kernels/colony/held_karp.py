@@ -133,14 +133,8 @@ def earliest_of_few(away: Floats, windows: Floats, service: Floats, now: float) 
     kept, then the earlier one. Without lateness the earlier label dominates, so the earliest order without lateness is found
     if there is one. Otherwise the lateness found is only an approximation of the least.
 
-    Parameters
-    ----------
-    away : float64[m + 2, m + 2]
-        Travel times in s; row 0 is the robot's place, rows 1 to m are the stops, row m + 1 is the end.
-    windows, service : float64[m, 2], float64[m]
-        s.
-    now : float
-        Departure time, s.
+    Of the travel times `away`, float64[m + 2, m + 2], row 0 is the robot's place, rows 1 to m are the stops, row m + 1 is the
+    end. The robot departs at the time `now`. All times, with `windows`, float64[m, 2], and `service`, float64[m], are in s.
     """
     m = len(service)
     if m == 0:

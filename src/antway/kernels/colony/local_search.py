@@ -237,18 +237,10 @@ def settle(cities: Cities, search: Search, breadth: int, longest: int) -> float:
 
 @kernel
 def improve(cities: Cities, search: Search, order: Ids, breadth: int, longest: int) -> float:
-    """Improve the tour `order` in place to a local optimum and return the gain.
+    """Improve the tour `order` in place to a local optimum and return the gain; `search` is scratch, with an empty queue.
 
-    Parameters
-    ----------
-    cities : Cities
-    search : Search
-        Scratch, with an empty queue.
-    order : uint32[n]
-    breadth : int
-        Number of candidates tried for the third edge; 0 is 2-opt.
-    longest : int
-        Largest number of cities in the part that a 3-opt move displaces; 3 is Or-opt, n full 3-opt.
+    For the third edge `breadth` candidates are tried; 0 is 2-opt. The part that a 3-opt move displaces has at most `longest`
+    cities; 3 is Or-opt, n full 3-opt.
     """
     set_tour(search, order)
     for city in order:

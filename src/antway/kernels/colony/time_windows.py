@@ -233,14 +233,8 @@ def search(
 ) -> tuple[float, bool]:
     """Extend the beam from stop 0 through all others; write the best order and return its cost, infinite if there is none.
 
-    The second result is True if no partial order was dropped that could have been better.
-
-    Parameters
-    ----------
-    penalty : float64[n, n]
-        Penalty of each arc by its pheromone.
-    order : int32[n]
-        Filled, if there is an order.
+    The second result is True if no partial order was dropped that could have been better. `penalty`, float64[n, n], is that of
+    each arc by its pheromone.
     """
     n = len(problem.opens)
     state = np.array([seed], dtype=np.uint64)

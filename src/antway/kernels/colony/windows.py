@@ -43,16 +43,8 @@ def schedule(
 ) -> None:
     """Write the times of `order` for each of its places.
 
-    Parameters
-    ----------
-    ready : float64[n]
-        Filled with the start of service.
-    latest : float64[n]
-        Filled with the latest start of service such that no later stop is late.
-    duration : float64[n]
-        Filled with the travel time from there to the end.
-    earliest : float64[n]
-        Filled with the earliest end of the order from there on.
+    They are the start of service (`ready`), the latest start such that no later stop is late (`latest`), the travel time from
+    there to the end (`duration`), and the earliest end of the order from there on (`earliest`).
     """
     last = len(order) - 1
     ready[0] = opens[order[0]]

@@ -122,13 +122,8 @@ def expand(search_map: SearchMap, memory: Memory, base: int, goal_row: int, goal
     added while their block was the current one; of those that waited in a later block, the one added first
     (`buckets.next_block`).
 
-    Parameters
-    ----------
-    search_map : SearchMap
-    memory : Memory
-        Labels of earlier searches are at least `base + LIMIT`, so that nothing needs to be cleared between searches.
-    base, goal_row, goal_col, steps
-        Base of the labels, the goal, and about how many steps to take.
+    Labels start at `base`, and those of earlier searches are at least `base + LIMIT`, so that nothing needs to be cleared
+    between searches.
     """
     around, table, width = search_map.lattice.around, search_map.lattice.table, search_map.lattice.width
     nodes, reached, queue = memory.nodes, memory.reached, memory.queue

@@ -103,17 +103,9 @@ def best_first(
 ) -> int:
     """Expand up to `steps` cells; return RUNNING, FOUND (`goal` was taken off the heap) or EXHAUSTED.
 
-    Parameters
-    ----------
-    net : Graph
-    cost : float64[cells], or float64[0] for 1 everywhere
-        A move costs its length times the mean of `cost` at both ends.
-    goal, within
-        Stop at this cell (-1: none), or when all open cells are farther than `within`.
-    faces : float64[F, 2]
-        The faces of the heuristic (see `gauge`), none for Dijkstra.
-    memory : Memory
-    steps : int
+    A move costs its length times the mean of `cost` at both ends, float64[cells], or float64[0] for 1 everywhere. The search
+    stops at the cell `goal` (-1: none), or when all open cells are farther than `within`. `faces`, float64[F, 2], are those of
+    the heuristic (see `gauge`), none for Dijkstra.
     """
     legal, offsets, lengths, width = net.legal, net.offsets, net.lengths, net.width
     label, key, heap, place, state = memory.label, memory.key, memory.heap, memory.place, memory.state

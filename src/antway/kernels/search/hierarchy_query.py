@@ -58,14 +58,8 @@ def count_moves(cost: int) -> int:
 def meet(graph: UpwardGraph, memory: QueryMemory, size: Longs, ends: Longs) -> tuple[int, int, int]:
     """Search upwards from both ends, each by A*; return the cost, the node where both meet, and the nodes expanded.
 
-    Parameters
-    ----------
-    graph, memory
-        `memory.seeds` holds the nodes that each end sees, `memory.state` the number of this query.
-    size : int64[2]
-        Number of seeds of each end; overwritten.
-    ends : int64[2, 2]
-        Row and column of both ends.
+    `memory.seeds` holds the nodes that each end sees, `size`, int64[2], how many these are (it is overwritten), `memory.state`
+    the number of this query, and `ends`, int64[2, 2], row and column of both ends.
     """
     row_start, up, cells = graph.row_start, graph.up, graph.cells
     label, came, heaps, seeds, now = memory.label, memory.came, memory.heaps, memory.seeds, memory.state[0]
@@ -152,14 +146,7 @@ def route(
 ) -> tuple[Ints, int, int]:
     """Return a shortest path, int32[K, 2], empty if there is none, its number of diagonal moves, and the nodes expanded.
 
-    Parameters
-    ----------
-    subgoals : SubgoalMap
-        Subgoals are numbered as the nodes of the hierarchy.
-    graph, memory
-        The hierarchy and the workspace.
-    row, col, goal_row, goal_col
-        Free cells.
+    Subgoals are numbered as the nodes of the hierarchy. Both ends are free cells.
     """
     lattice, number, cells = subgoals.lattice, subgoals.number, graph.cells
     label, came, seeds = memory.label, memory.came, memory.seeds

@@ -311,22 +311,10 @@ def search(
     cheapest path to each state, which need not be part of the best path. The bound is then the cost of a path without moving
     obstacles.
 
-    Parameters
-    ----------
-    predictions : Predictions
-        Predictions of the obstacles, margins included.
-    settings : ColonySettings
-    horizon : float
-        Absolute time after which obstacles are ignored, s. The rest of a path that ends then costs its time by the field.
-    limit : float
-        The path found must cost less than this (the cost of the plan in use), s; infinite for no limit.
-    max_expansions : int
-        Most moves tested in all.
-    state : uint64[1]
-        State of the random generator.
+    The `predictions` include all margins. From the absolute time `horizon` on, s, obstacles are ignored; the rest of a path
+    that ends then costs its time by the field. The path found must cost less than `limit` (the cost of the plan in use), s;
+    infinite for no limit. At most `max_expansions` moves are tested in all.
 
-    Notes
-    -----
     Each ant is recruited to the open state whose untried moves promise the least cost, and walks from there. It draws a move by
     Eq. (1) with the heuristic exp(-beta * extra), where extra = step + field(next) - field(here) >= 0, and then tests the move.
     The promise of the best open state bounds the cost of all untried paths, which certifies the gap of the best path.

@@ -20,22 +20,9 @@ def move_mask(
     The stencil of a move is the set of cells that its swept disc touches, by an exact test. The move is legal where no cell of
     its stencil is blocked. A radius of 0 counts as 1e-6, so that a point cannot pass between two diagonal cells.
 
-    Parameters
-    ----------
-    blocked : bool[H, W]
-    offsets : int32[K, 2]
-        (d_row, d_col) of each move in nodes, K <= 32.
-    radius : float
-        Radius of the disc in cells, >= 0.
-    stride : int
-        The nodes are the centres of every stride-th cell along rows and columns.
-    first_row, first_col : int
-        The first of these cells, each number below `stride`.
-
-    Returns
-    -------
-    uint32[H', W']
-        Bit k is set where move k is legal. No bit is set where the disc cannot stand.
+    The nodes are the centres of every stride-th cell along rows and columns; the first is (first_row, first_col), each number
+    below `stride`. `offsets` are (d_row, d_col) of each move in nodes, int32[K, 2] with K <= 32; `radius` is in cells. Returns
+    uint32[H', W']: bit k is set where move k is legal, and no bit where the disc cannot stand.
     """
     height, width = blocked.shape
     rows, cols = (height - first_row + stride - 1) // stride, (width - first_col + stride - 1) // stride
@@ -103,20 +90,9 @@ def move_field(
     Each bucket is a doubly linked list, and a cell is in at most one. All moves are shorter than 7 cells, so a ring of 8
     buckets suffices.
 
-    Parameters
-    ----------
-    mask : uint32[H, W]
-        The result of `move_mask`, or a window of it; moves that leave the window are not used.
-    offsets : int32[K, 2]
-    lengths : float64[K]
-        Length of each move in cells, in [1, 7).
-    goals : int64[G, 2]
-        (row, col).
-
-    Returns
-    -------
-    float64[H, W]
-        Distance in cells, infinite where no goal can be reached.
+    `mask`, uint32[H, W], is the result of `move_mask`, or a window of it; moves that leave the window are not used. The moves'
+    `lengths`, in [1, 7), and the result, float64[H, W], are in cells; it is infinite where none of `goals`, (row, col), can be
+    reached.
     """
     rows, cols = mask.shape
     rim = longest(offsets)  # width of a border of cells that are never improved

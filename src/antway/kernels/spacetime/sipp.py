@@ -88,29 +88,12 @@ def sipp(
     The cost of a state is its arrival. A robot may wait within its interval, so the earliest arrival in each interval is best.
     Moves are made in the order of their extra cost over the field, and only when the search needs them (partial expansion).
 
-    Parameters
-    ----------
-    moving : Moving
-    start : (x, y)
-        Start in m. If it is not the centre of a cell, the robot first goes straight to a centre up to 3 rows and columns away.
-    now : float
-        Time at the start, s.
-    segments : float64[P, 8]
-        The moving discs, see `segments.py`. Their contact radii include the robot's radius.
-    max_expanded : int
-        Most states that are expanded.
-    ws : Workspace
+    The robot leaves `start`, (x, y) in m, at the time `now`, s. If that is not the centre of a cell, it first goes straight to
+    a centre up to 3 rows and columns away. The contact radii of the moving discs (`segments`, see segments.py) include the
+    robot's radius. At most `max_expanded` states are expanded.
 
-    Returns
-    -------
-    code : int
-        FOUND, NO_PATH, BUDGET, or FULL if the workspace is too small.
-    state : int
-        State of the goal if found, else -1.
-    expanded : int
-        Number of expanded states.
-    bound : float
-        Lower bound on the arrival of any path, s.
+    Returns FOUND, NO_PATH, BUDGET, or FULL if the workspace is too small; the state of the goal if found, else -1; how many
+    states were expanded; and a lower bound on the arrival of any path, s.
     """
     field, frame = moving.field, moving.frame
     predictions = Predictions(segments, 0.0)  # the stopping time is 0, because this robot reaches any speed at once
