@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import traceback
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -65,7 +66,7 @@ class BadInput(AntwayError, ValueError):
         return type(self)(self.field if field is None else field, self.value, self.allowed, where=where)
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _rebuild, (type(self), self.field, self.value, self.allowed, self.where)
+        return partial(type(self), where=self.where), (self.field, self.value, self.allowed)
 
 
 def _shown(value: object) -> str:
@@ -78,10 +79,6 @@ def _shown(value: object) -> str:
     if type(value) is list and len(value) < 100:
         return f"[{', '.join(map(_shown, value))}]"
     return repr(value)
-
-
-def _rebuild(kind: type[BadInput], field: str, value: object, allowed: str, where: str) -> BadInput:
-    return kind(field, value, allowed, where=where)
 
 
 class BadMap(BadInput):

@@ -47,12 +47,10 @@ def opened(path: Path, most: int, *, error: type[BadInput] = BadMap, field: str 
                 yield file, info.st_size
         finally:
             os.close(number)
-    except OSError as fault:
-        raise error(field, path.name, f"a readable file ({fault.strerror or fault})", where=where) from None
-    except ValueError as fault:
-        if isinstance(fault, BadInput):
-            raise
-        raise error(field, path.name, f"a readable file ({fault})", where=where) from None
+    except BadInput:
+        raise
+    except (OSError, ValueError) as fault:
+        raise error(field, path.name, f"a readable file ({getattr(fault, 'strerror', None) or fault})", where=where) from None
 
 
 def read_bytes(path: Path, most: int, *, error: type[BadInput] = BadMap, field: str = "file") -> bytes:
@@ -101,33 +99,19 @@ def check_nesting(text: str, depth: int, lists: int, where: str) -> None:
         raise TooLarge("depth", deepest, f"at most {depth} brackets within brackets", where=where)
 
 
-def read_toml(text: str, where: str) -> dict[str, Any]:
-    """Parse TOML of limited depth: the parser recurses, and its time is quadratic in the number of parts of a key.
+def read_toml_file(path: Path, most: int, field: str) -> dict[str, Any]:
+    """Return the content of a TOML file of at most `most` bytes; a `BadScenario` names `field` and the file.
 
-    Raises
-    ------
-    TooLarge, ValueError
+    Its depth is limited: the parser recurses, and its time is quadratic in the number of parts of a key.
     """
+    where = str(path)
+    text = read_text(path, most, error=BadScenario, field=field)
     deep = _DOTTED.search(text)
     if deep:
         raise TooLarge("key", deep[0], f"of at most {MAX_DEPTH} dotted parts", where=where)
     check_nesting(text, MAX_DEPTH, MAX_LISTS, where)
-    return tomllib.loads(text)
-
-
-def read_toml_file(path: Path, most: int, field: str) -> dict[str, Any]:
-    """Return the content of a TOML file of at most `most` bytes.
-
-    Raises
-    ------
-    BadScenario, TooLarge
-        They name `field` and the file.
-    """
-    where = str(path)
     try:
-        return read_toml(read_text(path, most, error=BadScenario, field=field), where)
-    except BadInput:
-        raise
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise BadScenario(field, path.name, f"a TOML file ({error})", where=where) from None
 
