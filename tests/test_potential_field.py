@@ -154,7 +154,7 @@ def test_the_target_is_in_sight() -> None:
     policy.reset(task, 0)
     for x, y in ((3.1, 6.1), (8.0, 6.1), (9.0, 4.7), (9.0, 9.5)):
         o = Observation(0.0, (x, y), (0.0, 0.0), 0.0, Tracks.none())
-        target = policy._target(o)
+        target = policy.target(o, 2.0)
         assert target is not None and clear(task, (x, y), target)
         assert target == task.goal or math.dist((x, y), target) <= 2.0 + 1e-9
 

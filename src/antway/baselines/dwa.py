@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.baselines.look_ahead import look_ahead
 from antway.baselines.replan import STOP, Follow, contact_radii, now
 from antway.kernels.base.records import RobotState
 from antway.kernels.baselines.dwa import Obstacles, roll_out, roll_out_twists
@@ -96,11 +95,9 @@ class Dwa(Follow):
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot = observation, self.task.robot
-        path = self.path(o)
-        if not len(path.t):
-            self.decide("stuck", "the map has no path for this robot")
+        target = self.target(o, self.look_ahead)
+        if target is None:
             return STOP
-        target = look_ahead(self.task, o, path, self.look_ahead)
         if self.rolls:
             late, seen, state = acting(o, robot)
             commands = self._window(state)

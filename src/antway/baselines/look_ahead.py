@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
-from antway.kernels.base.geometry import first_wall
+from antway.kernels.base.geometry import wall_ahead
 from antway.planning import TimedPath
 from antway.world.line_of_sight import clear
 from antway.world.policy import XY, Command, Observation, Task
+from antway.world.terrain import terrain_of
 
 SHORT = 1e-6  # m; distance to a wall that a step leaves
 
@@ -27,15 +28,14 @@ def look_ahead(task: Task, o: Observation, path: TimedPath, within: float) -> XY
 
 def short_of_walls(task: Task, o: Observation, vx: float, vy: float) -> Command:
     """Return the command (vx, vy) in m/s, limited to full speed, and slowed down before walls."""
-    robot, (x0, y0, _), size = task.robot, task.grid.origin, task.grid.resolution
+    robot = task.robot
     speed = math.hypot(vx, vy)
     if speed > robot.v_max:
         vx, vy, speed = vx * robot.v_max / speed, vy * robot.v_max / speed, robot.v_max
     if speed == 0.0:
         return Command((0.0, 0.0))
     span = robot.dt + speed / (2 * robot.braking)
-    row, col = (o.xy[1] - y0) / size - 0.5, (o.xy[0] - x0) / size - 0.5
-    share, _, _ = first_wall(task.grid.blocked, row, col, vy * span / size, vx * span / size, robot.radius / size)
+    share, _, _ = wall_ahead(terrain_of(task.grid), *o.xy, vx * span, vy * span, robot.radius)
     if share <= 1.0:
         # As the braking distance is v^2 / 2a, a proportional reduction of v is enough for any a.
         share = max(share - SHORT / (speed * span), 0.0)

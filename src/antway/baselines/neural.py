@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.baselines.look_ahead import short_of_walls
-from antway.baselines.replan import STOP, now
+from antway.baselines.replan import STOP, Follow, now
 from antway.grid import Cell
 from antway.kernels.baselines.neural import CLOSED, DIAGONAL, FREE, TARGET, ascend, relax, shunt, stamp
 from antway.world.line_of_sight import clear, diagonal_radius
@@ -20,7 +20,7 @@ MOST = 10_000  # limit of sweeps before an episode
 TRANSFERS = {"mean": DIAGONAL, "glasius": 1.0}  # weight of a diagonal neighbour
 
 
-class Neural:
+class Neural(Follow):
     """Ascend the activity of a shunting neural network with one neuron for each cell; nothing is learnt.
 
     Each neuron follows dx/dt = -A x + (B - x)([I]+ + sum_j mu [x_j]+ / d_j) - (D + x)[I]-, over its 8 neighbours at distance
@@ -101,19 +101,11 @@ class Neural:
             self._sweep(kind)
         target = self._up(o, kind)
         if target is None:
-            self._decide("stuck", "no neighbouring cell is more active")
+            self.decide("stuck", "no neighbouring cell is more active")
             return STOP
-        self._decide("follow", "up the activity")
+        self.decide("follow", "up the activity")
         dt = task.robot.dt
         return short_of_walls(task, o, (target[0] - o.xy[0]) / dt, (target[1] - o.xy[1]) / dt)
-
-    def explain(self) -> Decision:
-        """Return the present decision."""
-        return self.decision
-
-    def _decide(self, action: str, reason: str) -> None:
-        if self.decision.action != action:
-            self.decision = Decision(action, reason)
 
     def _cell(self, xy: XY) -> Cell:
         """Return the cell that contains a point, with indices that include the rim."""

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from antway import checks
-from antway.baselines.look_ahead import look_ahead
 from antway.baselines.replan import STOP, Follow, now
 from antway.errors import BadParameter
 from antway.grid import Grid
@@ -74,11 +73,9 @@ class Orca(Follow):
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot, simulation = observation, self.task.robot, self.simulation
-        path = self.path(o)
-        if not len(path.t):
-            self.decide("stuck", "the map has no path for this robot")
+        target = self.target(o, self.look_ahead)
+        if target is None:
             return STOP
-        target = look_ahead(self.task, o, path, self.look_ahead)
         dx, dy = target[0] - o.xy[0], target[1] - o.xy[1]
         distance = max(math.hypot(dx, dy), 1.0 if target == self.task.goal else 1e-9)
         preferred = dx * robot.v_max / distance, dy * robot.v_max / distance

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.baselines.look_ahead import look_ahead, short_of_walls
+from antway.baselines.look_ahead import short_of_walls
 from antway.baselines.replan import STOP, Follow, now
 from antway.kernels.baselines.potential_field import disc_force, wall_force
 from antway.world.policy import XY, Command, Observation, Task
@@ -75,9 +75,8 @@ class PotentialField(Follow):
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o = observation
-        target = self._target(o)
+        target = self.task.goal if self.look_ahead is None else self.target(o, self.look_ahead)
         if target is None:
-            self.decide("stuck", "the map has no path for this robot")
             return STOP
         fx, fy, obstacle = self._force(o, target)
         if obstacle < 0:
@@ -85,12 +84,6 @@ class PotentialField(Follow):
         else:
             self.decide("avoid", "moving obstacles repel", obstacle=int(o.tracks.id[obstacle]), local_target=target)
         return short_of_walls(self.task, o, fx, fy)
-
-    def _target(self, o: Observation) -> XY | None:
-        if self.look_ahead is None:
-            return self.task.goal
-        path = self.path(o)
-        return look_ahead(self.task, o, path, self.look_ahead) if len(path.t) else None
 
     def _force(self, o: Observation, target: XY) -> tuple[float, float, int]:
         """Return the force, which is the velocity in m/s, and the track that repels most, or -1."""

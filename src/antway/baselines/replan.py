@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
+from antway.baselines.look_ahead import look_ahead
 from antway.grid import Cell, Moves
 from antway.kernels.base.records import Trajectories
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, crosses_edge, predict
@@ -56,6 +57,14 @@ class Follow:
         i = int(np.argmin(away))
         path = self.search.search(centres[i], o.t + away[i] / self.task.robot.v_max, segments).path
         return TimedPath(np.append(o.t, path.t), np.vstack((o.xy, path.xy))) if len(path.t) else path
+
+    def target(self, o: Observation, within: float) -> XY | None:
+        """Return the farthest visible place on the path, see `look_ahead`; None, and decide so, if there is no path."""
+        path = self.path(o)
+        if len(path.t):
+            return look_ahead(self.task, o, path, within)
+        self.decide("stuck", "the map has no path for this robot")
+        return None
 
     def explain(self) -> Decision:
         """Return the present decision."""
@@ -249,8 +258,7 @@ def contact_radii(
     """
     body = o.tracks.radius + robot.radius
     gap = np.hypot(xy[:, 0] - robot_xy[0], xy[:, 1] - robot_xy[1]) - body
-    radii: NDArray[np.float64] = body + np.clip(gap - 1e-6, 0.0, margin)
-    return radii
+    return body + np.clip(gap - 1e-6, 0.0, margin)
 
 
 def drive(task: Task, o: Observation, path: TimedPath) -> Command:
