@@ -12,10 +12,9 @@ from antway.kernels import crossing
 from antway.kernels.base.records import Predictions
 from antway.kernels.robot.guard import time_to_contact
 from antway.kernels.robot.reach import least_gap
-from antway.kernels.spacetime.alternatives import passing
 from antway.kernels.spacetime.ants import _Choices, _draw, deposit
 from antway.kernels.spacetime.memory import STATE_COUNT
-from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
+from antway.kernels.spacetime.motion import first_conflict, passing, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
 from antway.kernels.tracking import kalman as track

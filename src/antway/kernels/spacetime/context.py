@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import hits_walls, leads_clear
-from antway.kernels.base.jit import bare_kernel, inner_kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.spacetime.segments import TOUCH, unsafe_stay
 
@@ -68,3 +68,15 @@ def can_stay(x: float, y: float, t0: float, t1: float, segments: NDArray[np.floa
         if low < t1 - TOUCH and high > t0 + TOUCH:
             return False
     return True
+
+
+@kernel
+def free_time(context: PlanningContext, x: float, y: float, leg_cells: int) -> float:
+    """Return the time from (x, y) to the goal without moving obstacles, s; the first leg goes up to `leg_cells` cells."""
+    top, bottom, left, right = block_around(context, x, y, leg_cells)
+    best = math.inf
+    for row in range(top, bottom):
+        for cell in range(row * context.cols + left, row * context.cols + right):
+            cx, cy = centre(context, cell)
+            best = min(best, math.hypot(cx - x, cy - y) / context.speed + context.field[cell])
+    return best

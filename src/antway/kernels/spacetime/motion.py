@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel, shared_kernel
-from antway.kernels.base.records import Predictions
+from antway.kernels.base.records import T0, T1, VX, VY, Predictions, X, Y
 from antway.kernels.spacetime.context import PlanningContext, can_stay, centre, clear
 from antway.kernels.spacetime.memory import STATE_COUNT, Memory
 from antway.kernels.spacetime.segments import TOUCH, earliest_departure
 
 LOOK = 10  # a shortcut leads at most this many vertices ahead
+_SAMPLES = 100  # number of steps into which `passing` divides the time span
 
 
 @bare_kernel
@@ -125,6 +126,28 @@ def place_at(knots: NDArray[np.float64], t: float) -> tuple[float, float, int]:
                 i,
             )
     return knots[n - 1, 1], knots[n - 1, 2], n - 1
+
+
+@kernel
+def passing(
+    knots: NDArray[np.float64], segments: NDArray[np.float64], now: float, until: float
+) -> tuple[float, float, float, float]:
+    """Return the robot's place relative to an obstacle when the two are nearest, and the obstacle's velocity then.
+
+    The robot is on knots (t, x, y). The `segments` predict the obstacle in order of time. Places are sampled from `now` to
+    `until` s.
+    """
+    best, p = (math.inf, 0.0, 0.0, 0.0, 0.0), 0
+    for i in range(_SAMPLES + 1):
+        t = now + (until - now) * i / _SAMPLES
+        while p < len(segments) - 1 and segments[p, T1] <= t:
+            p += 1
+        x, y, _ = place_at(knots, t)
+        x -= segments[p, X] + (t - segments[p, T0]) * segments[p, VX]
+        y -= segments[p, Y] + (t - segments[p, T0]) * segments[p, VY]
+        if math.hypot(x, y) < best[0]:
+            best = math.hypot(x, y), x, y, float(segments[p, VX]), float(segments[p, VY])
+    return best[1], best[2], best[3], best[4]
 
 
 @shared_kernel

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.records import CLEARANCE_RADIUS, CONTACT_RADIUS, T0, T1, VX, VY, Predictions, Terrain, X
 from antway.kernels.crossing import Settings
-from antway.kernels.spacetime.alternatives import free_time, passing
 from antway.kernels.spacetime.ants import search
-from antway.kernels.spacetime.context import PlanningContext
+from antway.kernels.spacetime.context import PlanningContext, free_time
 from antway.kernels.spacetime.memory import KNOTS, Memory
-from antway.kernels.spacetime.motion import first_conflict, shorten, trace_back
+from antway.kernels.spacetime.motion import first_conflict, passing, shorten, trace_back
 from antway.kernels.tracking.predict import predict, time_shift
 from antway.planning import TimedPath
 from antway.policies.antway.detours import node_near, row_col
