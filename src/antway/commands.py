@@ -68,7 +68,7 @@ def tour_command(
 ) -> int:
     """Visit many places on a map in the best order; exit status 4 if a window or the deadline is missed."""
     from antway import Moves, check_tour, checks, load_map, plan_tour
-    from antway.tours.records import tour_record
+    from antway.tours.plan import tour_record
     from antway.tours.stopfile import load_stops, save_distances
 
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))

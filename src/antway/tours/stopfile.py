@@ -25,26 +25,13 @@ COLUMNS = ("x", "y", "name", "earliest", "latest", "service", "priority")
 
 @dataclass(frozen=True, slots=True)
 class StopFile:
-    """The content of a file of stops, named as the arguments of `plan_tour`.
+    """The content of a file of stops, named as the arguments of `plan_tour`."""
 
-    Attributes
-    ----------
-    stops : tuple of (x, y)
-        m.
-    names : tuple of str
-    windows : tuple of (earliest, latest)
-        s.
-    service : tuple of float
-        s.
-    priorities : tuple of float or None
-        None if no stop has one.
-    """
-
-    stops: tuple[tuple[float, float], ...]
+    stops: tuple[tuple[float, float], ...]  # (x, y), m
     names: tuple[str, ...]
-    windows: tuple[tuple[float, float], ...]
-    service: tuple[float, ...]
-    priorities: tuple[float, ...] | None
+    windows: tuple[tuple[float, float], ...]  # (earliest, latest), s
+    service: tuple[float, ...]  # s
+    priorities: tuple[float, ...] | None  # None if no stop has one
 
     def arguments(self) -> dict[str, Any]:
         """Return everything except the stops, as keyword arguments of `plan_tour`."""
