@@ -11,7 +11,7 @@ import pytest
 from scipy.ndimage import label
 
 from antway import BadParameter, Grid, Outcome, RobotSpec, Scenario, World, check_episode, make_policy, run
-from antway.baselines.look_ahead import short_of_walls
+from antway.baselines.replan import short_of_walls
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.baselines.potential_field import disc_force, wall_force
 from antway.world.line_of_sight import clear

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.baselines.look_ahead import short_of_walls
-from antway.baselines.replan import STOP, Follow, now
+from antway.baselines.replan import STOP, Follow, now, short_of_walls
 from antway.grid import Cell
 from antway.kernels.baselines.neural import CLOSED, DIAGONAL, FREE, TARGET, ascend, relax, shunt, stamp
 from antway.world.line_of_sight import clear, diagonal_radius

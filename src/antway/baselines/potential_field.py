@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.baselines.look_ahead import short_of_walls
-from antway.baselines.replan import STOP, Follow, now
+from antway.baselines.replan import STOP, Follow, now, short_of_walls
 from antway.kernels.baselines.potential_field import disc_force, wall_force
 from antway.world.policy import XY, Command, Observation, Task
 

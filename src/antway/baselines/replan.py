@@ -1,4 +1,4 @@
-"""Baselines that replan in every cycle: `follow`, `stop`, `replan`, `dstarlite`, `sipp`."""
+"""Baselines that replan in every cycle: `follow`, `stop`, `replan`, `dstarlite`, `sipp`; and what other baselines share."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.baselines.look_ahead import look_ahead
 from antway.grid import Cell, Moves
+from antway.kernels.base.geometry import wall_ahead
 from antway.kernels.base.records import Trajectories
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, crosses_edge, predict
 from antway.kernels.tracking.tubes import first_conflict
@@ -25,6 +25,7 @@ from antway.world.robots import RobotSpec
 from antway.world.terrain import terrain_of
 
 STOP = Command((0.0, 0.0))
+SHORT = 1e-6  # m; distance to a wall that a step leaves
 
 
 class Follow:
@@ -59,12 +60,20 @@ class Follow:
         return TimedPath(np.append(o.t, path.t), np.vstack((o.xy, path.xy))) if len(path.t) else path
 
     def target(self, o: Observation, within: float) -> XY | None:
-        """Return the farthest visible place on the path, see `look_ahead`; None, and decide so, if there is no path."""
-        path = self.path(o)
-        if len(path.t):
-            return look_ahead(self.task, o, path, within)
-        self.decide("stuck", "the map has no path for this robot")
-        return None
+        """Return the farthest visible node of the path, at most `within` m along it, or the goal if that is visible.
+
+        If there is no path, the decision says so, and there is no target.
+        """
+        path, task = self.path(o), self.task
+        if not len(path.t):
+            self.decide("stuck", "the map has no path for this robot")
+            return None
+        if clear(task, o.xy, task.goal):
+            return task.goal
+        until = o.t + within / task.robot.v_max
+        nodes = [(float(x), float(y)) for t, (x, y) in zip(path.t, path.xy) if o.t + 1e-9 < t <= until]
+        nodes = nodes or [path.at(until)]
+        return next((node for node in reversed(nodes) if clear(task, o.xy, node)), nodes[0])
 
     def explain(self) -> Decision:
         """Return the present decision."""
@@ -252,10 +261,7 @@ def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def contact_radii(
     o: Observation, xy: NDArray[np.float64], robot_xy: XY, robot: RobotSpec, margin: float
 ) -> NDArray[np.float64]:
-    """Return the distances in m that the centres of robot and obstacles keep, if the obstacles are at `xy`.
-
-    They include the margin or, if an obstacle is nearer than that, its present gap.
-    """
+    """Return how far, m, the centres of robot and obstacles at `xy` keep apart: by the margin, or a smaller present gap."""
     body = o.tracks.radius + robot.radius
     gap = np.hypot(xy[:, 0] - robot_xy[0], xy[:, 1] - robot_xy[1]) - body
     return body + np.clip(gap - 1e-6, 0.0, margin)
@@ -280,4 +286,21 @@ def drive(task: Task, o: Observation, path: TimedPath) -> Command:
     speed = math.hypot(vx, vy)
     if speed > task.robot.v_max:
         vx, vy = vx * task.robot.v_max / speed, vy * task.robot.v_max / speed
+    return Command((vx, vy))
+
+
+def short_of_walls(task: Task, o: Observation, vx: float, vy: float) -> Command:
+    """Return the command (vx, vy) in m/s, limited to full speed, and slowed down before walls."""
+    robot = task.robot
+    speed = math.hypot(vx, vy)
+    if speed > robot.v_max:
+        vx, vy, speed = vx * robot.v_max / speed, vy * robot.v_max / speed, robot.v_max
+    if speed == 0.0:
+        return STOP
+    span = robot.dt + speed / (2 * robot.braking)
+    share, _, _ = wall_ahead(terrain_of(task.grid), *o.xy, vx * span, vy * span, robot.radius)
+    if share <= 1.0:
+        # As the braking distance is v^2 / 2a, a proportional reduction of v is enough for any a.
+        share = max(share - SHORT / (speed * span), 0.0)
+        vx, vy = vx * share, vy * share
     return Command((vx, vy))
