@@ -84,10 +84,7 @@ def check_lines(data: bytes, most: int, where: str) -> None:
 
 
 def check_nesting(text: str, depth: int, lists: int, where: str) -> None:
-    """Raise `TooLarge` for JSON or TOML with more than `depth` brackets within brackets, or more than `lists` of them.
-
-    Brackets within strings count as well.
-    """
+    """Raise `TooLarge` for JSON or TOML with brackets, also in strings, nested deeper than `depth` or more than `lists`."""
     found = text.count("[") + text.count("{")
     if found > lists:
         raise TooLarge("lists and tables", found, f"at most {lists}", where=where)

@@ -116,10 +116,7 @@ class Immunity:
 
 
 def scaled(numbers: Numbers, costs: NDArray[np.float64], factor: NDArray[np.float64]) -> Numbers:
-    """Return the rule with the deposit of each ant multiplied by its factor; all ants together deposit as much as before.
-
-    Ants of infinite cost have the factor 0.
-    """
+    """Return the rule with each ant's deposit times its factor, 0 at infinite cost; all together deposit as much as before."""
     deposit_weight = numbers.deposit_weight * factor[np.argsort(costs, kind="stable")]
     before = float(numbers.deposit_weight[: np.count_nonzero(np.isfinite(costs))].sum())
     return numbers._replace(deposit_weight=deposit_weight * (before / deposit_weight.sum() if deposit_weight.any() else 1.0))

@@ -154,8 +154,7 @@ class _Graph:
                 share = np.clip(-(p * d).sum(axis=1) / np.where(dd > 0.0, dd, 1.0), 0.0, 1.0)
                 near = np.hypot(*(p + d * share[:, None]).T) - self.radius - r
                 gap = np.minimum(gap, np.where(near < -_SAME, -math.inf, np.maximum(near, 0.0)))
-        rounded: NDArray[np.float64] = np.floor(gap / LEVEL + 1e-6) * LEVEL
-        return rounded
+        return np.floor(gap / LEVEL + 1e-6) * LEVEL
 
     def extended(self, label: Label, index: int) -> Iterator[tuple[int, Label]]:
         """Yield (move, label) for each extension of a label from which the goal can still be reached in time."""

@@ -184,10 +184,7 @@ def _around(xy: NDArray[np.float64], k: int) -> NDArray[np.int64]:
 
 
 def _by_quadrant(cities: NDArray[np.int64], found: NDArray[np.int64], offset: NDArray[np.float64], k: int) -> NDArray[np.int64]:
-    """Return k of the `found` cities for each city: the first k // 5 in each quadrant of `offset`, then the first others.
-
-    The city itself is left out.
-    """
+    """Return k other cities of `found` for each city: the first k // 5 in each quadrant of `offset`, then the first others."""
     many = found.shape[1]
     dx, dy = np.moveaxis(offset, -1, 0)
     quadrant = np.select([(dx > 0) & (dy >= 0), (dx <= 0) & (dy > 0), (dx < 0) & (dy <= 0)], [0, 1, 2], 3)

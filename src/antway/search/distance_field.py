@@ -93,10 +93,7 @@ def free_cells(name: str, value: object, grid: Grid) -> list[Cell]:
 
 
 class DijkstraField:
-    """Distances that spread over a lattice from its sources; see `kernels.search.distance_field`.
-
-    `label`, float64[cells], is the distance of each cell in units of 1 / STRAIGHT cells.
-    """
+    """Distances that spread over a lattice; `label`, float64[cells], has them in units of 1 / STRAIGHT cells."""
 
     def __init__(self, net: Lattice, sources: list[Cell], targets: list[Cell], within: float = math.inf) -> None:
         self.net, self.within = net, within

@@ -76,10 +76,7 @@ def _unlinked(n: int, edges: int) -> Memory:
 
 
 class Hierarchy:
-    """The contraction hierarchy over the corners of a map with `Moves.EIGHT`; any thread may use it.
-
-    Once `make` returned True, `pays` says whether there is one.
-    """
+    """The contraction hierarchy over the corners of a map with `Moves.EIGHT`, if it `pays`; any thread may use it."""
 
     def __init__(self) -> None:
         self.lock, self.made, self.pays = threading.Lock(), False, True

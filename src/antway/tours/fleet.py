@@ -46,10 +46,7 @@ def layout(stops: Stops) -> tuple[Order, Floats, Floats, Floats]:
 
 
 def inner_places(rows: Order, orders: list[Order]) -> tuple[list[list[int]], list[int]]:
-    """Return the stops of each order as places in `rows` without both ends, each stop once, and the places in no order.
-
-    Stops that no longer exist are left out.
-    """
+    """Return each order as inner places in `rows`, every stop once and if it still exists, and the places in no order."""
     place = {int(row): i for i, row in enumerate(rows[:-1]) if i > 0}
     kept = [[place.pop(int(stop)) for stop in order if int(stop) in place] for order in orders]
     return kept, sorted(place.values())

@@ -106,10 +106,7 @@ class Stops:
 
 
 def typical_step(nearest: Floats, times: Floats) -> float:
-    """Return the mean time to the nearest stops; if that is 0, the mean of all `times`, and 1 s if none takes time.
-
-    Infinite times do not count.
-    """
+    """Return the mean time to the nearest stops, or if that is 0 of all `times`, or else 1 s; infinite times do not count."""
     means = (float(each[np.isfinite(each)].mean()) for each in (nearest, times) if np.isfinite(each).any())
     return next(filter(None, means), 1.0)
 

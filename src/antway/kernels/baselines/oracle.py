@@ -17,10 +17,7 @@ from antway.kernels.tracking.tubes import first_met
 def first_contact(
     t: NDArray[np.float64], xy: NDArray[np.float64], robot_radius: float, terrain: Terrain, trajectories: Trajectories
 ) -> float:
-    """Return when a robot that is at `xy[i]` m at `t[i]` s touches an obstacle, or starts a leg that touches a wall or an edge.
-
-    The result is in s, infinite if it never does.
-    """
+    """Return when, s, a robot at `xy[i]` m at `t[i]` s touches a disc or starts a leg into a wall or an edge; else infinity."""
     for i in range(len(t) - 1):
         ax, ay, bx, by = xy[i, 0], xy[i, 1], xy[i + 1, 0], xy[i + 1, 1]
         contact, _ = first_met(ax, ay, bx, by, t[i], t[i + 1], robot_radius, 0.0, trajectories)

@@ -296,10 +296,7 @@ def update(
 def evaporate(
     tau: NDArray[np.float64], eta: NDArray[np.float64], persistence_rule: NDArray[np.float64], t: int, excess: float
 ) -> None:
-    """Let the pheromone on every legal move (`eta` > 0) evaporate: tau becomes rho tau, with rho by `persistence`.
-
-    `t` and `excess` are as in `kernels.colony.pheromone.persistence`.
-    """
+    """Let pheromone on legal moves (`eta` > 0) evaporate: tau becomes rho tau, rho by `persistence` for `t` and `excess`."""
     by_edge = persistence_rule[0] == ADAPTIVE or persistence_rule[0] == PRINTED
     rho, least = 1.0, math.inf
     if by_edge:

@@ -36,10 +36,7 @@ class Numbers(NamedTuple):
 
 @kernel
 def persistence(persistence_rule: NDArray[np.float64], tau: float, tau_min: float, t: int, excess: float) -> float:
-    """Return rho of an edge with pheromone `tau` after `t` cycles.
-
-    tau_min is the least pheromone on any edge; excess is L_cycle / L_best - 1 >= 0.
-    """
+    """Return rho after `t` cycles at pheromone `tau`; tau_min is the least of all edges, excess L_cycle / L_best - 1 >= 0."""
     kind = persistence_rule[0]
     a, b, c = float(persistence_rule[1]), float(persistence_rule[2]), float(persistence_rule[3])
     if kind == CONSTANT:

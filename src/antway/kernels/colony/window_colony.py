@@ -186,10 +186,7 @@ def cycles(
     beam: Beam,
     t: TimedOrder,
 ) -> int:
-    """Run up to `count` cycles, until there is a better order; return the number of cycles.
-
-    mirror : the same task backwards in time: stop i becomes stop n - 1 - i.
-    """
+    """Run up to `count` cycles until an order is better; return how many. `mirror` is backwards: stop i is n - 1 - i."""
     state = np.zeros(1, dtype=np.uint64)
     record = colony.record
     best = record[BEST]

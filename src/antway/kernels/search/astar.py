@@ -52,10 +52,7 @@ def jump_straight(
 def jump_diagonal(
     search_map: SearchMap, d: int, row: int, col: int, g: int, goal_row: int, goal_col: int, reached: NDArray[np.int32], n: int
 ) -> tuple[int, int]:
-    """Go diagonally in direction d and append the jump points beside each cell passed, and the goal, to `reached`.
-
-    Returns the new n and the number of cells passed.
-    """
+    """Append the jump points beside the diagonal in direction d, and the goal, to `reached`; return n and the cells passed."""
     around, width, words = search_map.lattice.around, search_map.lattice.width, search_map.words
     height = around.size // width
     one, other = d - 4, (d - 3) & 3  # the straight directions on both sides of d

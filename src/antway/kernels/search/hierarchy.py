@@ -161,10 +161,7 @@ def contract(m: Memory, steps: int) -> int:
 
 @kernel
 def upward_graph(m: Memory) -> tuple[Longs, Longs, Ints]:
-    """Return the edges of the hierarchy, grouped by node; nodes are numbered by `rank`.
-
-    They are `row_start`, `up` and `parts` of `hierarchy_query.UpwardGraph`.
-    """
+    """Return `row_start`, `up` and `parts` of `hierarchy_query.UpwardGraph`, whose nodes are numbered by `rank`."""
     node = np.argsort(m.rank)
     place = np.full(m.edges.shape[0] + 1, -1, np.int32)  # the last entry is for -1
     row_start = np.zeros(m.rank.size + 1, np.int64)

@@ -331,10 +331,7 @@ def _length(x: float, y: float) -> float:
 
 @kernel
 def unwind(m: Memory, corner: int) -> Ints:
-    """Return the turning points (row, col) of the path through `corner`, doubled, int64[N, 2], from start to goal.
-
-    Corners in the middle of a straight line are left out.
-    """
+    """Return the turning points of the path through `corner`, doubled (row, col), int64[N, 2], not those on straight lines."""
     count, c = 2, corner
     while c != START:
         c = m.parent[c]

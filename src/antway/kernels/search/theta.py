@@ -29,10 +29,7 @@ class Memory(NamedTuple):
 
 @bare_kernel
 def theta(blocked: NDArray[np.bool_], start: int, goal: int, lazy: bool, memory: Memory, steps: int) -> int:
-    """Run (Lazy) Theta* (Nash, Daniel, Koenig, Felner 2007; Nash, Koenig, Tovey 2010) for at most `steps` expansions.
-
-    Returns how the slice ended.
-    """
+    """Run (Lazy) Theta* (Nash et al. 2007; Nash, Koenig, Tovey 2010) for at most `steps` expansions; return how it ended."""
     cols = blocked.shape[1]
     length, parent, closed, heap, counts = memory.length, memory.parent, memory.closed, memory.heap, memory.counts
     if counts[1] == 0:

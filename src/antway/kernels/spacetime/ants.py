@@ -151,10 +151,7 @@ def deposit(memory: Memory, trails: Trails, context: PlanningContext, end: int, 
 
 @kernel
 def _legs(memory: Memory, context: PlanningContext, x: float, y: float, leg_cells: int) -> tuple[int, float]:
-    """Write the first moves, straight legs from (x, y) to cells up to `leg_cells` cells away.
-
-    Returns how many there are, and the time to the goal without moving obstacles, s.
-    """
+    """Write legs from (x, y) to cells up to `leg_cells` away; return how many, and the time to the goal if nothing moves, s."""
     top, bottom, left, right = block_around(context, x, y, leg_cells)
     n, here = 0, math.inf
     for row in range(top, bottom):
