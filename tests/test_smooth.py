@@ -228,6 +228,7 @@ def broken(motion: Motion) -> dict[str, Motion]:
         "do not increase": changed(t=late),
         "not finite": changed(heading=np.full(len(motion.t), math.nan)),
         "shape": changed(heading=fields["heading"][:-1]),
+        "no array of numbers": changed(heading=np.full(len(motion.t), "east")),
     }
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid
-from antway.verify_motion import braking, exceeds, finite_faults, gap_from_square, shape_faults
+from antway.verify_motion import array_faults, braking, exceeds, gap_from_square
 
 if TYPE_CHECKING:
     from antway.trajectory.motion import Motion
@@ -64,9 +64,9 @@ def check_motion(grid: Grid, robot: RobotSpec, motion: Motion) -> None:
 
 
 def _shape_faults(motion: Motion) -> list[str]:
-    n = len(motion.t)
+    n = np.size(motion.t)
     shapes = {"t": (n,), "xy": (n, 2), "heading": (n,), "velocity": (n, 2), "turn_rate": (n,)}
-    faults = shape_faults(motion, shapes) + finite_faults(motion, shapes)
+    faults = array_faults(motion, shapes, shapes)
     if not faults and (n == 0 or motion.t[0] != 0.0 or (np.diff(motion.t) <= 0.0).any()):
         faults.append("times do not increase from 0")
     return faults

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.errors import BadParameter, InvalidPlan
-from antway.verify_motion import REST, Again, dynamic_faults, finite_faults, last_gaps, shape_faults
+from antway.verify_motion import REST, Again, array_faults, dynamic_faults, last_gaps
 from antway.verify_steps import step_faults, step_gaps, wall_gap
 
 if TYPE_CHECKING:
@@ -62,9 +62,7 @@ def _shape_faults(trace: Trace) -> list[str]:
     n, k = len(trace.command), len(trace.timeline)
     shapes = {"t": (n + 1,), "xy": (n + 1, 2), "velocity": (n + 1, 2), "heading": (n + 1,), "command": (n, 2)}
     shapes |= {"sensed": (n + 1, k), "cycle_ms": (n,), "turn_rate": (n + 1,)}
-    faults = shape_faults(trace, shapes)
-    if not faults:
-        faults = finite_faults(trace, ("t", "xy", "velocity", "heading", "turn_rate", "cycle_ms"))
+    faults = array_faults(trace, shapes, ("t", "xy", "velocity", "heading", "turn_rate", "cycle_ms"))
     steps = [step for step, _ in trace.decisions]
     if any(not 0 <= step <= n for step in steps) or any(a >= b for a, b in pairwise(steps)):
         faults.append("a decision stands outside the episode, or not after the one before")

@@ -25,24 +25,19 @@ Floats = NDArray[np.float64]
 State = tuple[Floats, Floats, Floats, Floats, Floats]  # x, y (m), heading (rad), and (v, omega) of wheels or else (vx, vy)
 
 
-def shape_faults(record: object, shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
-    """Return which parts of a record are no arrays of numbers, or have not the shapes that these names should have."""
+def array_faults(record: object, shapes: Mapping[str, tuple[int, ...]], finite: Iterable[str]) -> list[str]:
+    """Return which parts of a record are no arrays of numbers, have not the shape of their name, or are not `finite`."""
     arrays = {name: getattr(record, name) for name in shapes}
     faults = [
         f"{name} is no array of numbers"
         for name, a in arrays.items()
         if not (isinstance(a, np.ndarray) and a.dtype.kind in "biuf")
     ]
-    return faults or [
+    faults = faults or [
         f"{name} has the shape {a.shape} in place of {shapes[name]}" for name, a in arrays.items() if a.shape != shapes[name]
     ]
-
-
-def finite_faults(record: object, names: Iterable[str]) -> list[str]:
-    """Return which of these arrays of a record are not finite throughout, and the first row in which they are not."""
-    arrays = {name: np.isfinite(getattr(record, name)) for name in names}
-    rows = {name: np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))) for name, finite in arrays.items()}
-    return [f"{name} is not finite in row {bad[0]}" for name, bad in rows.items() if len(bad)]
+    rows = {} if faults else {name: np.argwhere(~np.isfinite(arrays[name])) for name in finite}
+    return faults + [f"{name} is not finite in row {bad[0, 0]}" for name, bad in rows.items() if len(bad)]
 
 
 def exceeds(what: str, size: Floats, limit: float, t: Floats, unit: str) -> Iterator[str]:
