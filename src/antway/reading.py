@@ -76,13 +76,6 @@ def read_text(path: Path, most: int, *, error: type[BadInput] = BadMap, field: s
     return decoded(read_bytes(path, most, error=error, field=field), str(path), error=error, field=field)
 
 
-def check_lines(data: bytes, most: int, where: str) -> None:
-    """Raise `TooLarge` for text of more than `most` lines, because a line takes more memory than its bytes."""
-    lines = data.count(b"\n") + data.count(b"\r")
-    if lines > most:
-        raise TooLarge("lines", lines, f"at most {most}", where=where)
-
-
 def check_nesting(text: str, depth: int, lists: int, where: str) -> None:
     """Raise `TooLarge` for JSON or TOML with brackets, also in strings, nested deeper than `depth` or more than `lists`."""
     found = text.count("[") + text.count("{")

@@ -14,7 +14,7 @@ from antway import checks
 from antway.errors import BadMap, BadParameter, TooLarge
 from antway.kernels.colony import tour as kernel
 from antway.maps.limits import as_path
-from antway.reading import check_lines, decoded, numbers_in, read_bytes
+from antway.reading import decoded, numbers_in, read_bytes
 
 MAX_BYTES = 64_000_000
 MAX_CITIES = 200_000
@@ -249,7 +249,9 @@ def load_tsp(path: str | os.PathLike[str]) -> Tsp:
 
 def parse(data: bytes, where: str = "") -> Tsp:
     """Return the instance in `data`; messages name `where`."""
-    check_lines(data, MAX_LINES, where)
+    lines = data.count(b"\n") + data.count(b"\r")
+    if lines > MAX_LINES:  # a line takes more memory than its bytes
+        raise TooLarge("lines", lines, f"at most {MAX_LINES}", where=where)
     header, sections = _split(decoded(data, where).splitlines(), where)
     checks.choice("TYPE", header.get("TYPE", "TSP").split(" ")[0], ["TSP"], error=BadMap, where=where)
     text = header.get("DIMENSION", "")

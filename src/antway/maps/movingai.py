@@ -12,7 +12,7 @@ from antway.errors import BadMap, BadScenario, TooLarge
 from antway.grid import Cell, Grid
 from antway.maps import text
 from antway.maps.limits import DEFAULT, HEAD, Limits, as_path
-from antway.reading import opened
+from antway.reading import decoded, opened
 
 _HEADER = re.compile(rb"\s*type[ \t]+(\S{1,40})\s+height[ \t]+(\d{1,18})\s+width[ \t]+(\d{1,18})\s+map[ \t]*\n")
 
@@ -72,10 +72,7 @@ def load_scen(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> list[Sc
         data = text.unify(file.read())
     if data.count(b"\n") > limits.rows + 1:
         raise TooLarge("rows", data.count(b"\n"), f"at most {limits.rows}", where=where)
-    try:
-        first, *lines = data.decode("utf-8").split("\n")
-    except UnicodeDecodeError as fault:
-        raise BadScenario("text", fault.object[fault.start : fault.end], "UTF-8", where=where) from None
+    first, *lines = decoded(data, where, error=BadScenario).split("\n")
     if re.fullmatch(r"version[ \t]+1(\.0*)?[ \t]*", first) is None:
         raise BadScenario("line 1", first, "'version 1'", where=where)
     return [_row(line, f"{where}, line {i}") for i, line in enumerate(lines, 2) if line.strip()]

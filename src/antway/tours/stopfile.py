@@ -13,7 +13,7 @@ from typing import Any
 from antway import checks
 from antway.errors import BadMap, BadParameter, TooLarge
 from antway.maps.limits import as_path
-from antway.reading import decoded, read_bytes
+from antway.reading import read_text
 from antway.tours.distances import stop_distances
 from antway.tours.stops import MAX_STOPS
 from antway.tours.task import TourTask
@@ -59,7 +59,7 @@ def load_stops(path: str | PathLike[str]) -> StopFile:
     ((0.0, 60.0),)
     """
     file = as_path(path)
-    text = decoded(read_bytes(file, MAX_BYTES), str(file))
+    text = read_text(file, MAX_BYTES)
     try:
         lines = csv.reader(io.StringIO(text), strict=True)
         rows = [
