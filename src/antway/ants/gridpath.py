@@ -6,10 +6,9 @@ On a static grid exact search is always faster. Ants are useful where the search
 
 from __future__ import annotations
 
-import inspect
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,7 +57,26 @@ class Exploration:
         return np.array(self.pheromone.sum(axis=2), np.float32)
 
 
-def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **options: Any) -> Plan:
+class Options(TypedDict, total=False):
+    """The options of `explore` that `ants` has, too."""
+
+    rule: str | Rule
+    persistence: Persistence | None
+    ants: int | None
+    cycles: int
+    alpha: float | None
+    beta: float | None
+    heuristic: str
+    step_limit: int | None
+    retreat: bool
+    pheromone: str | ArrayLike
+    window: Window | None
+    forbidden: ArrayLike | None
+    immune: Immune | None
+    threads: int
+
+
+def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **options: Unpack[Options]) -> Plan:
     """Return the best path that a colony finds; it stops once the lower bound proves that path optimal.
 
     Parameters
@@ -79,10 +97,8 @@ def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **option
     >>> round(plan.length, 3), plan.optimal
     (11.314, True)
     """
-    given = ("problem", "seed", "budget", "record", "stop_at_bound")
-    own = [name for name in inspect.signature(explore).parameters if name not in given]
-    for name in (name for name in options if name not in own):
-        raise BadParameter(name, options[name], f"left out: the options are {', '.join(own)}")
+    for name in (name for name in options if name not in Options.__annotations__):
+        raise BadParameter(name, options.get(name), f"left out: the options are {', '.join(Options.__annotations__)}")
     return explore(problem, seed=seed, budget=budget, record=False, stop_at_bound=True, **options).plan
 
 
