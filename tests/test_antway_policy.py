@@ -632,3 +632,20 @@ def test_a_plan_of_more_than_512_states_is_whole() -> None:
     speed = np.hypot(*np.diff(plan.xy, axis=0).T) / np.diff(plan.t)
     assert plan.t[0] == 0.6 and plan.xy[0].tolist() == pytest.approx([1.05, 1.55]) and plan.t[-1] > 70.0
     assert (np.diff(plan.t) > 0.0).all() and speed.max() < 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("name", ["turtlebot4", "diff", "inertia", "amr"])
+def test_a_robot_that_drives_when_its_path_is_cut_off_stops(name: str) -> None:
+    """A door that closes on the map makes a new task for a robot at full speed; it used to drive about for seconds."""
+    robot = load_robot(name)
+    blocked = np.zeros((80, 100), dtype=bool)
+    blocked[:, 50] = True
+    policy = AntwayPolicy()
+    policy.reset(Task(Grid(blocked, 0.1), robot, (3.0, 4.0), (8.0, 4.0)), 0)
+    x, speed = 3.0, robot.v_max
+    for k in range(30):
+        o = Observation(k * robot.dt, (x, 4.0), (speed, 0.0), 0.0, Tracks.none())
+        assert policy.act(o).acts(o, robot) == (0.0, 0.0)
+        assert policy.explain().action == "stuck"
+        braked = max(speed - robot.braking * robot.dt, 0.0)
+        x, speed = x + 0.5 * (speed + braked) * robot.dt, braked

@@ -19,7 +19,7 @@ from antway.kernels.spacetime.memory import KNOTS, Memory
 from antway.kernels.spacetime.motion import first_conflict, passing, shorten, trace_back
 from antway.kernels.tracking.predict import predict, time_shift
 from antway.planning import TimedPath
-from antway.policies.antway.detours import node_near, row_col
+from antway.policies.antway.detours import node_near
 from antway.policies.antway.state import make_memory, make_trails
 from antway.world.policy import XY
 
@@ -52,14 +52,6 @@ class Snapshot:
     def free(self) -> float:
         """Return the time to the goal without moving obstacles, s."""
         return float(free_time(self.context, *self.xy, self.settings.colony.leg_cells))
-
-    def is_cut_off(self) -> bool:
-        """Tell whether the robot can stand at nodes near it, and none of them has a path to the goal."""
-        c, far = self.context, self.settings.colony.leg_cells
-        row, col = row_col(c, self.xy)
-        near = np.s_[max(row - far, 0) : max(row + far + 1, 0), max(col - far, 0) : max(col + far + 1, 0)]
-        legal, field = (each.reshape(c.rows, c.cols)[near] for each in (c.legal, c.field))
-        return bool(legal.any() and np.isinf(field[legal > 0]).all())
 
     def segments_of(self, k: int) -> NDArray[np.float64]:
         """Return the prediction of track k alone, in order of time."""

@@ -197,7 +197,7 @@ class ControlColony:
         margins, outlook = self.margins, problem.outlook
         call(look_ahead, segments, sigma, start, problem.dt, problem.start, self.bounds, margins, change, outlook)
         if len(knots):
-            call(spread_plan, knots, start, problem.dt, arrival, self.options.trust, outlook.plan)
+            call(spread_plan, knots, start, problem.dt, arrival, self.options.trust * self.slowness, outlook.plan)
         else:
             outlook.plan[:, 2] = -math.inf
         shift(self.archive)
@@ -225,6 +225,11 @@ class ControlColony:
         weights = weights._replace(risk=weights.risk * caution, turn_risk=turn_rate * weights.turn_risk, ramps=float(has_plan))
         depth = call(depth_in_wall, field, state)
         return weights if depth == 0.0 else weights._replace(wall_margin=-depth - _DEEPER)
+
+    def stand(self) -> Command:
+        """Return a stop, for which there is no other command."""
+        self.archive.used[0] = 0
+        return Command((0.0, 0.0))
 
     def others(self) -> NDArray[np.float64]:
         """Return the first commands of all sequences in the archive but the best, in the order of cost, float64[N, 2]."""

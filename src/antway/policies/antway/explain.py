@@ -16,6 +16,7 @@ from antway.kernels.spacetime.memory import Memory
 from antway.kernels.tracking.predict import ID, RADIUS, VX, VY, X, Y
 from antway.planning import TimedPath
 from antway.policies.antway.alternatives import Snapshot, Weighed, manner
+from antway.policies.antway.detours import is_cut_off
 from antway.policies.antway.state import State
 from antway.policies.antway.tracker import FIRST_OWN_ID
 from antway.policies.encounter import closest_approach, encounter
@@ -38,7 +39,7 @@ def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.floa
     wait = 0.0 if s.path is None else wait_of(s.path, t)
     s.until = t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
     snapshot = Snapshot(
-        s.detours.without(s.context) if s.detours.expects else s.context,
+        s.detours.without(s.context),
         s.settings,
         s.terrain,
         t,
@@ -83,7 +84,7 @@ def explain(
     memory : Memory
         Memory in which the ants search.
     """
-    if now.is_cut_off():
+    if is_cut_off(now.context, now.settings.colony.leg_cells, now.xy):
         return Decision("stuck", "the map has no path to the goal for this robot", guard=guard, pheromone=pheromone)
     if path is None:
         return Decision("wait", "no motion is safe at the moment: stand", guard=guard, pheromone=pheromone)

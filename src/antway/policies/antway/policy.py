@@ -27,7 +27,7 @@ from antway.planning import TimedPath
 from antway.policies.antway.beside import Beside
 from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.controls import ControlColony
-from antway.policies.antway.detours import Detours
+from antway.policies.antway.detours import Detours, is_cut_off
 from antway.policies.antway.explain import explain_cycle
 from antway.policies.antway.nodes import contexts_for, is_turned, on_cells, with_fine_cells
 from antway.policies.antway.rehearsal import rehearse
@@ -176,7 +176,7 @@ class AntwayPolicy:
 
     def _made(self, task: Task, seed: int, response: Response, heading: float) -> State:
         """Return the state of an episode at its start."""
-        robot, controls, tracker = task.robot, None, Tracker(self.mode == "strict")
+        robot, controls, horizon, tracker = task.robot, None, 0.0, Tracker(self.mode == "strict")
         fine = task if robot.stepwise else with_fine_cells(task)
         (context, kept), narrow = contexts_for(fine, self.moves, heading)
         context, radius = (narrow[0], narrow[0].radius) if narrow else (context, robot.radius)
@@ -188,7 +188,7 @@ class AntwayPolicy:
             paces = (context, 0.0), (context, 0.0)
             # Without a strict guard, a stop is not better than the best ant.
             strict = self.guard is not None and self.mode == "strict"
-            controls = ControlColony(self.controls, fine, kept.field, seed, strict)
+            controls, horizon = ControlColony(self.controls, fine, kept.field, seed, strict), self.horizon
         cells = context.rows * context.cols
         return State(
             task=task,
@@ -206,9 +206,7 @@ class AntwayPolicy:
             response=response,
             yielding=Yielding(),
             controls=controls,
-            detours=Detours(self.moves, (context,), narrow)
-            if controls is None
-            else Detours(self.moves, (context, kept), narrow, self.horizon),
+            detours=Detours(self.moves, (context,) if controls is None else (context, kept), narrow, horizon),
         )
 
     def _compute_anew(self, t: float, task: Task, at_once: int | None = None) -> None:
@@ -346,6 +344,8 @@ class AntwayPolicy:
         delay, acting_at, robot = acting(o, s.task.robot)
         self._plan(acting_at, o.t - o.sensed_at + delay)
         n, m, estimates = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), s.tracker.estimates
+        if n == 0 and is_cut_off(s.detours.without(s.context), s.settings.colony.leg_cells, o.xy):
+            return s.controls.stand(), KEPT  # all rollouts are as bad as any other
         turns, doubt = s.tracker.turns, distrust(s.crowd.pool, s.crowd.missed)
         sigma = s.controls.deviations(estimates, s.crowd.velocity_error[: len(estimates)], doubt, turns)
         segments, narrower = s.plan.segments[:m], s.task.robot.radius - s.settings.tubes.robot_radius
