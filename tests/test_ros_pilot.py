@@ -468,6 +468,28 @@ def test_maps_may_change_on_the_way():
     assert vx > 0.9 and abs(vy) < 0.1, "commands are in the map's frame, however its cells are turned"
 
 
+def test_without_a_path_the_robot_stands_and_says_where_there_is_none() -> None:
+    """A wall across the map on the way stops the robot; goals that give up end after `wait_timeout`, others wait for a map."""
+    wall = ROOM.blocked.copy()
+    wall[:, 30] = True
+    for gives_up in (True, False):
+        drive = ready(Goal((10.0, 2.0), gives_up=gives_up), wait_timeout=1.0)
+        drive.pilot.receive_map(Grid(wall, 0.2))
+        answers = [drive.step() for _ in range(14)]
+        assert all(a.level == WARN and a.command.velocity == (0.0, 0.0) for a in answers if a is not None)
+        assert "stuck: the map has no path" in answers[1].reason
+        ends = [a.end for a in answers if a is not None and a.end is not None]
+        assert ends == ([End.WAITED] if gives_up else [])
+        drive.pilot.receive_map(ROOM)
+        drive.step()
+        assert (drive.step() is None) == gives_up
+    behind = np.array([[2.0, 2.0], [10.0, 2.0]])
+    wall[30:, 30] = False
+    drive = ready(Goal((10.0, 2.0), behind, gives_up=True))
+    drive.pilot.receive_map(Grid(wall, 0.2))
+    assert drive.step().reason.endswith("for this robot within 2 m of the path")
+
+
 def test_goals_are_replaced_and_dropped():
     """A new goal ends the one before with a stop, the same way again without; what is dropped ends as dropped."""
     drive = ready()

@@ -204,7 +204,8 @@ def test_a_scan_with_too_few_valid_beams_is_none():
         ([0.0] * 8, 0.0),
         ([nan] * 6 + [1.0, inf], 0.25),
         ([inf] * 8, 1.0),
-        ([-inf, 9.0, 1.0, nan], 0.75),
+        ([-inf, 9.0, 1.0, nan], 0.5),
+        ([-inf] * 8, 0.0),
     ):
         read_points(scan_of(ranges), sound)
         with pytest.raises(BadParameter, match="valid"):

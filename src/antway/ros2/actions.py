@@ -158,6 +158,8 @@ class Served:
         if not self.open:
             return
         code, reason = (nav2.NONE, "") if failure is None else (failure.code, failure.reason)
+        if reason:
+            self.node.get_logger().error(f"{kind.type.__name__}: {reason}")
         seconds = time.monotonic() - started
         took = make("builtin_interfaces/msg/Duration", sec=int(seconds), nanosec=int(seconds % 1.0 * 1e9))
         self._finish(handle, kind, code, path=path, planning_time=took, error_code=code, error_msg=reason)
@@ -232,6 +234,7 @@ class Served:
         if error is not None:
             if node.busy:  # as in Nav2, where a goal ends the one before it whether it can be followed or not
                 node.drop("pre-empted by a goal that is refused")
+            node.get_logger().error(f"follow_path: {error[1]}")
             return self._finish(handle, kind, error[0], error_code=error[0], error_msg=error[1])
 
         def done(end: End, reason: str) -> None:

@@ -444,6 +444,8 @@ def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
 def _deliver(node: AntwayNode, executor: Any) -> None:
     """Let the executor send the results of actions that have ended with the drive, for at most a second."""
     until, more = time.monotonic() + 1.0, 3 * node.declared.configured
+    for subscription in list(node.subscriptions):  # or their messages take the turns of the results
+        node.destroy_subscription(subscription)
     while more and time.monotonic() < until:
         more = 3 if node.served.unanswered else more - 1  # a task makes a result, and others send it
         executor.spin_once(timeout_sec=0.02)

@@ -279,7 +279,6 @@ class Pilot:
             except BadInput as wrong:
                 return self._wait(t, ERROR, self._guard_ended() or f"the robot cannot set out: {wrong}")
             self.policy, self.started, self.progress = planned, t, (math.nan, xy)
-        self.waiting_since = math.nan
         # Planning may have taken long, so progress counts from the next odometry on.
         if self.started < t and (math.isnan(self.progress[0]) or math.dist(xy, self.progress[1]) >= settings.progress_radius):
             self.progress = (t, xy)
@@ -292,15 +291,17 @@ class Pilot:
         passed, did = found
         self.command = Command(frames.turn(self.frame[2], passed.velocity), passed.twist)
         decision = self.policy.explain()
+        if decision.action == "stuck":
+            near = "" if goal.path is None else f" within {settings.corridor:g} m of the path"
+            reason = f"stuck: the map has no path to the goal for this robot{near}"
+            return self._impatient(t, WARN, reason) or Answer(self.command, WARN, reason)
+        self.waiting_since = math.nan
         if did == "braked" and decision.guard != did:
             return Answer(self.command, WARN, "brake: the guard's process had no command in time, or let none pass")
         return Answer(self.command, OK, f"{decision.action}: {decision.reason}")
 
     def _seen(self, odometry: Odometry, start: float, scan: tuple[float, Tracks]) -> Observation:
-        """Return what is observed, in the policy's frame, when obstacles or, if that is later, the robot were seen.
-
-        Its time counts from `start` s.
-        """
+        """Return what is observed in the policy's frame at the time of odometry or, if later, of the scan, from `start` s on."""
         into, sent = frames.inverse(self.frame), self.sent if len(self.sent) else None
         t, xy, velocity, heading, turn_rate = frames.move_odometry(into, odometry)
         tracks, stamp = frames.move_tracks(into, scan[1]), scan[0] - start
@@ -383,11 +384,14 @@ class Pilot:
     def _wait(self, t: float, level: int, reason: str) -> Answer:
         """Stop and keep the goal, until `wait_timeout` has passed."""
         self.brake()
+        return self._impatient(t, level, reason) or self._hold(level, reason)
+
+    def _impatient(self, t: float, level: int, reason: str) -> Answer | None:
+        """End a goal that gives up, once the robot has waited for `wait_timeout`."""
         if math.isnan(self.waiting_since):
             self.waiting_since = t
-        if self.goal is not None and self.goal.gives_up and t - self.waiting_since > self.settings.wait_timeout:
-            return self.drop(reason, End.WAITED, level)
-        return self._hold(level, reason)
+        long = self.goal is not None and self.goal.gives_up and t - self.waiting_since > self.settings.wait_timeout
+        return self.drop(reason, End.WAITED, level) if long else None
 
     def _planned(self, goal: Goal, grid: Grid, xy: XY) -> AntwayPolicy | BadInput | None:
         """Return the policy to set out with, or why the goal is refused; None while a thread makes it, for a large map."""

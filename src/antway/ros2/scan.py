@@ -36,8 +36,8 @@ def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], 
     ----------
     message : sensor_msgs/msg/LaserScan
     valid : float
-        Share of the beams that must be valid, [0, 1]: NaN, 0 and ranges below range_min are invalid. A covered or broken laser
-        does not mean that the place is empty.
+        Share of the beams that must be valid, [0, 1]: NaN, 0 and ranges below range_min, -inf too, are invalid. A covered or
+        broken laser does not mean that the place is empty.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], 
     if not 0.0 <= near <= far:
         raise BadParameter("range_min, range_max", (near, far), "0 <= range_min <= range_max (m)", where=where)
     r = np.where(r == 0.0, math.nan, r)  # so drivers mark beams without a return
-    sound = float(((r >= near) | (r == -math.inf)).mean())
+    sound = float((r >= near).mean())  # a laser that says everywhere that all is too near is covered
     if sound < valid:
         raise BadParameter("ranges", f"{100 * sound:.0f} % valid", f"valid in at least {100 * valid:g} % of beams", where=where)
     r = np.where(r == -math.inf, near, r)
