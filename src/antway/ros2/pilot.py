@@ -301,7 +301,7 @@ class Pilot:
         return Answer(self.command, OK, f"{decision.action}: {decision.reason}")
 
     def _seen(self, odometry: Odometry, start: float, scan: tuple[float, Tracks]) -> Observation:
-        """Return what is observed in the policy's frame at the time of odometry or, if later, of the scan, from `start` s on."""
+        """Return what is observed in the policy's frame at the time of odometry or, if later, of the scan, from `start` s."""
         into, sent = frames.inverse(self.frame), self.sent if len(self.sent) else None
         t, xy, velocity, heading, turn_rate = frames.move_odometry(into, odometry)
         tracks, stamp = frames.move_tracks(into, scan[1]), scan[0] - start
