@@ -23,7 +23,7 @@ from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import Scenario
 from antway.world.stage import Stage
 from antway.world.stops import Rounds
-from antway.world.stopwatch import Stopwatch
+from antway.world.stopwatch import stopwatch
 from antway.world.trace import Outcome as Outcome
 from antway.world.trace import Trace
 
@@ -168,6 +168,8 @@ class Episode:
         As in `Trace`; empty without a record, if the policy need not explain.
     stage : Stage
         The record: arrays as in `Trace`, filled up to row `steps`.
+    seen : Observation or None
+        What the policy was shown last.
 
     Examples
     --------
@@ -203,6 +205,7 @@ class Episode:
         self.decisions: list[tuple[int, Decision]] = []
         self.plans: list[TimedPath] = []  # the successive planned motions
         self.outcome: Outcome | None = None
+        self.seen: Observation | None = None
         self.reason = self._fault = ""
         if self.tour is None and math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
             self.outcome, self.reason = Outcome.REACHED, "the start is at the goal"
@@ -248,11 +251,11 @@ class Episode:
 
     def _commanded(self, observation: Observation) -> Command | None:
         """Return the command of the policy, and record its time, which does not include explanations."""
-        watch = Stopwatch()
+        self.seen, taken = observation, stopwatch()
         try:
             command = self.policy.act(observation)
         finally:
-            self.stage.cycle_ms[self.stage.n] = watch.ms()
+            self.stage.cycle_ms[self.stage.n] = taken()
         return _checked_command(command)
 
     def _planned(self) -> TimedPath | None:

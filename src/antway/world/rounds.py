@@ -13,7 +13,7 @@ from antway.world.order_planner import OrderOutlook, OrderPlanner
 from antway.world.policy import XY, Command, Decision, Observation, Policy, Task, as_policy
 from antway.world.standing import StandingObstacles
 from antway.world.stops import Rounds, Stop, Turn, Visit
-from antway.world.stopwatch import Stopwatch
+from antway.world.stopwatch import stopwatch
 
 STAY = 1.0  # s; the robot should arrive at a stop when it can stand there for this time
 REVIEW = 1.0  # s; period at which the order is reviewed
@@ -202,10 +202,10 @@ class RoundsPolicy:
 
     def _decide(self, reason: str) -> None:
         """Search for the best order of the remaining stops, and take it if it is clearly better."""
-        watch = Stopwatch()
+        taken = stopwatch()
         if self.remaining:
             order, self.promised = self.planner.improve(self.xy, self.now, self.remaining, self.order)
             if order != self.order or not self.turns:
                 self.turns.append(Turn(self.now, tuple(order), reason))
             self.order = order
-        self.order_ms.append(watch.ms())
+        self.order_ms.append(taken())
