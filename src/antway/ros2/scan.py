@@ -153,7 +153,7 @@ class Laser:
         return np.column_stack((x + cos * px - sin * py, y + sin * px + cos * py))
 
 
-class Walls:
+class Background:
     """Tells which points are part of a map: a blocked cell, or the map's edge, is within `clear` m along either axis."""
 
     def __init__(self, grid: Grid, clear: float) -> None:
