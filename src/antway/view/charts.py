@@ -71,7 +71,9 @@ def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = N
         if taken.any():
             look = ListedColormap([(0.0, 0.0, 0.0, 0.0), to_rgba(style.RED, 0.42)])
             axes.imshow(taken.T, origin="lower", extent=extent, aspect="auto", cmap=look, vmin=0, vmax=1, zorder=1)
-            numbers += [(when, where, str(trace.obstacle_id[k])) for when, where in _middles(taken)]
+            parts, count = scipy.ndimage.label(taken)
+            middles = scipy.ndimage.center_of_mass(taken, parts, range(1, count + 1))
+            numbers += [(round(when), round(where), str(trace.obstacle_id[k])) for when, where in middles]
     axes.plot([], [], "s", color=style.RED, alpha=0.42, markersize=9, label="taken by an obstacle (its number)")
     style.draw_path(axes, np.column_stack((t, progress)), style.BLUE, 2.0, label="robot")
     if beside.any():
@@ -189,12 +191,6 @@ def _points(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np
     ends = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(nodes, axis=0).T))))
     along = np.linspace(0.0, ends[-1], max(2, int(ends[-1] / _STEP) + 1))
     return np.column_stack([np.interp(along, ends, nodes[:, i]) for i in (0, 1)]), along
-
-
-def _middles(taken: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the middle of each connected occupied part."""
-    parts, count = scipy.ndimage.label(taken)
-    return [(round(when), round(where)) for when, where in scipy.ndimage.center_of_mass(taken, parts, range(1, count + 1))]
 
 
 def _apart(numbers: list[tuple[int, int, str]], wide: float, high: float) -> list[tuple[int, int, str]]:

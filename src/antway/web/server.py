@@ -217,7 +217,8 @@ def make_app(names: frozenset[str], token: str, *, workers: Workers | None = Non
     routes = [Route(path, answer, methods=["GET"]) for path, answer in answers.items()]
     app = Starlette(routes=[*routes, WebSocketRoute("/live", live(Session)), WebSocketRoute("/tours", live(tours.Tours))])
     app.router.redirect_slashes = False
-    return Gate(app, names, turns, {path: _written(answer) for path, answer in fixed.items()})
+    whole = {path: _lines(answer.raw_headers) + b"\r\n" + bytes(answer.body) for path, answer in fixed.items()}
+    return Gate(app, names, turns, whole)
 
 
 def _answer(text: str, name: str) -> Response:
@@ -230,11 +231,6 @@ def _page(title: str, body: str, script: str, choices: Mapping[str, object]) -> 
     """Return a page, made of what all have in common, the file `body`, and the `choices` for its script."""
     parts = {"title": title, "body": asset(body, "antway.web"), "script": script, "choices": embedded(json.dumps(choices))}
     return _answer(filled(asset("shell.html", "antway.web"), parts), body)
-
-
-def _written(answer: Response) -> bytes:
-    """Return an answer as the bytes that are sent."""
-    return _lines(answer.raw_headers) + b"\r\n" + bytes(answer.body)
 
 
 def _lines(headers: Iterable[tuple[bytes, bytes]]) -> bytes:
