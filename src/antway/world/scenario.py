@@ -24,12 +24,11 @@ from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
 from antway.world.line_of_sight import check_clear
 from antway.world.motions import MAX_KNOTS, MOTIONS, Replay
-from antway.world.obstructed import refuse_through_walls
 from antway.world.policy import BOUNDS, XY, RobotSpec, Task
 from antway.world.robots import check_keys, from_table, load_robot
 from antway.world.sensor import Sensor
 from antway.world.stops import Stop, checked_stops
-from antway.world.world import MAX_OBSTACLES, Obstacle, World
+from antway.world.world import MAX_OBSTACLES, Obstacle, World, refuse_through_walls
 from antway.writing import writing
 
 MAX_STEPS = 1_000_000
