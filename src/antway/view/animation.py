@@ -17,7 +17,7 @@ from antway.planning import Plan
 from antway.view import style
 from antway.view.figures import HORIZON, predicted
 from antway.view.moments import decision_at
-from antway.view.packing import faint_scale
+from antway.view.pages import faint_scale
 from antway.world.trace import Trace
 from antway.writing import writing
 

@@ -20,7 +20,7 @@ from antway.grid import Grid
 from antway.planning import Plan
 from antway.view import style
 from antway.view.moments import decision_at, global_path, in_words, meeting, moments, shortest, title_of
-from antway.view.packing import faint_scale
+from antway.view.pages import faint_scale
 from antway.view.style import save
 from antway.world.policy import Decision
 from antway.world.trace import Trace

@@ -20,7 +20,7 @@ from antway.planning import Problem, solve
 from antway.policies.paper.routes import PathsFrom
 from antway.scenes import SCENES, scene
 from antway.tables import NEED_PYRVO
-from antway.view.packing import bits_to_base64
+from antway.view.pages import bits_to_base64
 from antway.view.replay import map_record
 from antway.web.files import EXPORTS, MAX_OBSTACLES, kept, link, scenario_file
 from antway.web.tab import Tab

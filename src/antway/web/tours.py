@@ -16,7 +16,7 @@ from antway.ants.tsp import default_ants, default_candidates, local_search_optio
 from antway.ants.tsplib import Tsp
 from antway.errors import BadParameter, TooLarge
 from antway.limits import MAX_PAGE_SEED
-from antway.view.packing import to_base64
+from antway.view.pages import to_base64
 from antway.web.files import as_file, decoded, stem
 from antway.web.tab import Tab
 from antway.web.view import Message, short, short_rows

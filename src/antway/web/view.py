@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.policies.paper.tubes import Tubes
-from antway.view.packing import faint_scale, rounded, to_base64
+from antway.view.pages import faint_scale, rounded, to_base64
 from antway.world.ants import ShowsAnts
 from antway.world.episode import Episode
 from antway.world.policy import Decision, Observation, Policy
