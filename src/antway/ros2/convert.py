@@ -251,10 +251,7 @@ def path_message(xy: ArrayLike, make: Make = plain, *, t: float = 0.0, frame: st
 def read_path(message: Any) -> NDArray[np.float64]:
     """Return the vertices of a nav_msgs/msg/Path, float64[N, 2] in m.
 
-    Raises
-    ------
-    BadParameter
-        For a pose that is not finite, is tilted, or is beyond limits (docs/limits.md).
+    A `BadParameter` names a pose that is not finite, is tilted, or is beyond limits (docs/limits.md).
     """
     places, turns = ([getattr(one.pose, part) for one in message.poses] for part in ("position", "orientation"))
     xy = np.array([(p.x, p.y) for p in places], np.float64).reshape(-1, 2)

@@ -52,10 +52,7 @@ SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 class AntwayNode(LifecycleNode):  # type: ignore[misc]
     """Converts messages for the pilot, and its answers to messages.
 
-    Parameters
-    ----------
-    kinds : mapping of str to Kind, or None
-        The actions compute_path_to_pose and follow_path; None: those of Nav2, if nav2_msgs can be imported.
+    Its actions are of these `kinds`, by name; None: those of Nav2, if nav2_msgs can be imported.
     """
 
     def __init__(self, kinds: Mapping[str, Kind] | None = None) -> None:

@@ -136,11 +136,7 @@ _UNSAID = {"drive": "", "brake_max": 0.0, "footprint": "[]"}  # for parameters w
 def _robot(name: str = "", drive: str = "", **given: Any) -> RobotSpec:
     """Return the robot of that name with what is given besides or, without a name, the robot of what is given.
 
-    Raises
-    ------
-    BadParameter
-        For values that `RobotSpec` refuses, or if neither a name nor a drive is given, because a holonomic robot is no
-        sensible default.
+    If neither a name nor a drive is given, that is a `BadParameter`, because a holonomic robot is no sensible default.
     """
     if "brake_max" in given:
         given["brake_max"] = checks.number("brake_max", given["brake_max"], low=0.0, infinite=True, unit="m/s^2; 0: as a_max")

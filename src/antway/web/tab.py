@@ -56,10 +56,7 @@ class Tab(ABC):
     def apply(self, message: object) -> list[Message]:
         """Carry out the request in `message` and return the messages to send; a frame follows in any case.
 
-        Raises
-        ------
-        BadInput
-            For invalid messages, which change nothing.
+        Invalid messages raise a `BadInput` and change nothing.
         """
         if not isinstance(message, dict):
             raise BadParameter("message", message, "a JSON object")

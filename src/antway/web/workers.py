@@ -71,12 +71,9 @@ class Workers:
         self.idle: list[Worker] = []
 
     def run(self, work: str, *given: object, seconds: float = SECONDS, closed: threading.Event | None = None) -> Any:
-        """Return what WORK[work](*given) returns in another process.
+        """Return what WORK[work](*given) returns in another process, or raise the `BadInput` that it raises.
 
-        Raises
-        ------
-        BadInput
-            As raised by the task; also if its process ends, or has to be ended.
+        There is a `BadInput` also if the process ends, or has to be ended.
         """
         with self.turns:
             with self.lock:

@@ -15,12 +15,9 @@ from antway.world.world import World
 
 
 class Pursuit:
-    """The pursuers of one episode.
+    """The pursuers of one episode, in a timeline of all obstacles.
 
-    Attributes
-    ----------
-    timeline : Timeline
-        Of all obstacles. The trajectory of a pursuer is known up to the end of the present control period; then it stands.
+    The trajectory of a pursuer is known up to the end of the present control period; then it stands.
     """
 
     def __init__(self, world: World, task: Task, seed: int, horizon: float, steps: int) -> None:
