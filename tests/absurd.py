@@ -28,13 +28,14 @@ from antway.policies.guard import Guard
 from antway.ros2 import convert
 from antway.ros2.goals import Goal
 from antway.ros2.pilot import Pilot
-from antway.ros2.scan import Tracker, Walls, discs, read_points, without_ids
-from antway.ros2.settings import Settings, defaults
+from antway.ros2.scan import Background, Tracker, discs, read_points, without_ids
+from antway.ros2.settings import Settings
 from antway.web.session import Session
 from antway.world.episode import Episode
 from antway.world.robots import load_robot
 from antway.world.trace import Outcome
 from common import play
+from fake_ros import defaults
 
 WALLS = np.zeros((20, 20), bool)
 WALLS[8:12, 8:12] = True
@@ -121,7 +122,7 @@ def message(case: dict[str, Any]) -> None:
         t = 1.0 + 0.1 * k
         try:
             scan, _ = read_points(SimpleNamespace(**one["scan"]), 0.2)
-            points = Walls(ROOM, 0.1).off(scan + 2.0)
+            points = Background(ROOM, 0.1).off(scan + 2.0)
             tracker.update(t, without_ids(discs(points, gap=0.3, largest=0.8)))
         except BadInput:
             pass

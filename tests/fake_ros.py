@@ -10,8 +10,15 @@ from typing import Any, ClassVar
 from unittest.mock import MagicMock
 
 from antway.ros2 import convert, messages
+from antway.ros2.settings import parameters
 
 TIME = SimpleNamespace(sec=0, nanosec=0)
+
+
+def defaults(**changes: Any) -> dict[str, Any]:
+    """The default values of all parameters for a holonomic robot, with `changes`."""
+    values = {name: one.default for name, one in parameters().items() if not name.startswith("robot.")}
+    return values | {"robot.drive": "holonomic"} | changes
 
 
 class Publisher:

@@ -292,11 +292,11 @@ def test_a_refusal_stays_while_answers_to_other_requests_come(page: Any, monkeyp
     """A refusal that comes before the answer to a later request is still shown after it, until the next request."""
     let = threading.Event()
 
-    def slowly(self: Session, message: dict[str, Any], done: Any = Session._set) -> list[dict[str, Any]]:
+    def slowly(self: Session, message: dict[str, Any], done: Any = Session.do_set) -> list[dict[str, Any]]:
         assert let.wait(60)
         return done(self, message)  # type: ignore[no-any-return]
 
-    monkeypatch.setattr(Session, "_set", slowly)
+    monkeypatch.setattr(Session, "do_set", slowly)
     page.reload()  # a session whose settings are slow
     page.wait_for_selector("body[data-ready=true]")
     page.fill("#seed", "-1")
@@ -328,11 +328,11 @@ def test_what_is_typed_stays_while_an_answer_comes(page: Any, monkeypatch: pytes
     """A number that is being typed is not overwritten by the answer to a request before it."""
     let = threading.Event()
 
-    def slowly(self: Session, message: dict[str, Any], done: Any = Session._policies) -> list[dict[str, Any]]:
+    def slowly(self: Session, message: dict[str, Any], done: Any = Session.do_policies) -> list[dict[str, Any]]:
         assert let.wait(60)
         return done(self, message)  # type: ignore[no-any-return]
 
-    monkeypatch.setattr(Session, "_policies", slowly)
+    monkeypatch.setattr(Session, "do_policies", slowly)
     page.reload()
     page.wait_for_selector("body[data-ready=true]")
     for tool, field, typed in (("hand", "#seed", "12"), ("waypoints", "#pace", "0.25"), ("waypoints", "#size", "0.45")):

@@ -23,13 +23,14 @@ from antway.console import Refused
 from antway.errors import BadInput, BadMap, BadParameter, CellBlocked, OutOfBounds, TooLarge
 from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2 import convert
-from antway.ros2.settings import Settings, defaults, parameters
+from antway.ros2.settings import Settings, parameters
 from antway.web.session import PARAMETERS, Session
 from antway.world.motions import Line
 from antway.world.sensor import Sensor
 from antway.world.trace import Trace
 from antway.world.tracefile import to_json
 from antway.world.world import Obstacle
+from fake_ros import defaults
 from sample import sample_trace
 
 NAN, INF = math.nan, math.inf

@@ -12,9 +12,10 @@ from typing import Any
 import pytest
 import yaml
 
-from antway.ros2.settings import Settings, defaults, described, parameters
+from antway.ros2.settings import Settings, described, parameters
 from antway.version import __version__
 from antway.world.policy import RobotSpec
+from fake_ros import defaults
 
 ROS = Path(__file__).resolve().parents[1] / "ros"
 _NAMES = "map odom obstacles scan goal_pose cmd_vel plan pheromone decisions predictions diagnostics"

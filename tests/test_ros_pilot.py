@@ -27,10 +27,11 @@ from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
 from antway.ros2.markers import decision_message, predictions, predictions_message
 from antway.ros2.path import corridor, keeps_near, tracking
 from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
-from antway.ros2.settings import Settings, defaults, parameters, refused
+from antway.ros2.settings import Settings, parameters, refused
 from antway.ros2.tours import Visit, find_tour
 from antway.world.policy import Task, Tracks
 from common import cases, random_grid
+from fake_ros import defaults
 
 ROOM = Grid(np.zeros((40, 60), bool), 0.2)
 NOBODY = Tracks.none()

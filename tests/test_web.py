@@ -400,7 +400,7 @@ def test_tabs_that_use_common_memory_do_not_meet() -> None:
         for _ in range(view.steps):
             plain.step()
         assert view.steps > 80 and (plain.stage.xy == view.stage.xy).all()
-    assert tabs[0].views[0].watched.policy.memory() is tabs[1].views[0].watched.policy.memory()  # type: ignore[attr-defined]
+    assert tabs[0].views[0].policy.memory() is tabs[1].views[0].policy.memory()  # type: ignore[attr-defined]
 
 
 def test_looking_back_shows_what_was_and_changes_nothing() -> None:

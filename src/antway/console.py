@@ -287,7 +287,7 @@ def print_table(summaries: list[tuple[str, dict[str, Any]]]) -> None:
             str(n["waits"]),
             str(n["replans"]),
             _shown(n["min_clearance"], "z.2f", " m"),
-            f"{_shown(n['cycle_ms_p50'], '.2f', '')} / {_shown(n['cycle_ms_p99'], '.2f', '')}",
+            f"{_shown(n['cycle_ms_p50'], '.2f')} / {_shown(n['cycle_ms_p99'], '.2f')}",
         )
         for name, n in summaries
     ]
@@ -335,10 +335,10 @@ def print_summaries(table: Sequence[Summary]) -> None:
             "{:.1f} - {:.1f}".format(*(100 * end for end in one.success_interval)),
             "/".join(str(one.outcomes[name]) for name in ("hit-moving", "hit-standing", "hit-wall")),
             "/".join(str(one.outcomes[name]) for name in ("timeout", "error")),
-            _known(one.time_ratio, ".4f"),
-            " - ".join(_known(end, ".3f") for end in one.time_ratio_interval if end == end) or "-",
-            _known(one.time, ".2f", " s"),
-            f"{_known(one.cycle[0], '.2f')} / {_known(one.cycle[1], '.2f')}",
+            _shown(one.time_ratio, ".4f"),
+            " - ".join(_shown(end, ".3f") for end in one.time_ratio_interval if end == end) or "-",
+            _shown(one.time, ".2f", " s"),
+            f"{_shown(one.cycle[0], '.2f')} / {_shown(one.cycle[1], '.2f')}",
         )
         for one in table
     ]
@@ -394,13 +394,9 @@ def print_tour(tour: TourPlan) -> None:
         print(f"not in time: {tour.lateness:.1f} s late in all")
 
 
-def _shown(value: float | None, form: str, unit: str) -> str:
-    return "-" if value is None else f"{value:{form}}{unit}"
-
-
-def _known(value: float, form: str, unit: str = "") -> str:
-    """Return a number as text, or a dash for NaN, as for a policy that never arrived."""
-    return _shown(value if value == value else None, form, unit)
+def _shown(value: float | None, form: str, unit: str = "") -> str:
+    """Return a number as text, or a dash for None and NaN, as for a policy that never arrived."""
+    return "-" if value is None or value != value else f"{value:{form}}{unit}"
 
 
 def exit_with(app: Callable[..., Any]) -> None:

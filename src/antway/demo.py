@@ -19,7 +19,7 @@ from antway.policies.paper.routes import Routes
 from antway.processes import pool
 from antway.scenes import ROUNDS, SCENES
 from antway.verify_episode import check_episode
-from antway.view.packing import rounded
+from antway.view.pages import rounded
 from antway.world.episode import EpisodeResult, run
 from antway.world.policy import Task, make_policy
 from antway.world.scenario import Scenario, load_scenario

@@ -27,13 +27,9 @@ if TYPE_CHECKING:
 def warm_up(kinds: Sequence[str] = WARM, *, workers: int = 2) -> Iterator[tuple[str, float]]:
     """Compile the kernels for these kinds of task; yield each task and its seconds when it is done.
 
-    Parameters
-    ----------
-    kinds : sequence of str
-        "plan" (every planner, smoothing), "run" (policies antway and paper on the shipped scenes), "robots" (with inertia
-        and wheels, a car), "tours" (of cities, on maps, with time windows), "baselines" (every other policy).
-    workers : int
-        Number of processes, >= 1. A script that calls this must guard its own code by `if __name__ == "__main__"`.
+    Kinds are "plan" (every planner, smoothing), "run" (policies antway and paper on the shipped scenes), "robots" (with inertia
+    and wheels, a car), "tours" (of cities, on maps, with time windows), and "baselines" (every other policy). A script that
+    calls this must guard its own code by `if __name__ == "__main__"`, because the workers are processes.
 
     Raises
     ------

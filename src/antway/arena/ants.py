@@ -33,23 +33,15 @@ Drivers = tuple[str | Policy | None, ...]  # for each of TWINS
 class Comparison:
     """One method and its twins.
 
-    Attributes
-    ----------
-    method : str
-        What was solved, and with which budget.
-    unit : str
-        Unit of the means; less is better.
-    runs : int
-    values : tuple of (twin, mean)
-        For each of `TWINS`: the ants; the same without pheromone, where only the heuristic guides their random choices; always
-        the best choice by the heuristic, without chance; exact search. NaN if there is no such twin, infinite if it failed in a
-        run.
+    Values are means for each of `TWINS`: the ants; the same without pheromone, where only the heuristic guides their random
+    choices; always the best choice by the heuristic, without chance; exact search. A mean is NaN if there is no such twin, and
+    infinite if it failed in a run.
     """
 
-    method: str
-    unit: str
+    method: str  # what was solved, and with which budget
+    unit: str  # of the means; less is better
     runs: int
-    values: tuple[tuple[str, float], ...]
+    values: tuple[tuple[str, float], ...]  # twin and mean
 
 
 def compare(parts: tuple[str, ...] | None = None, *, runs: int = 10) -> Iterator[Comparison]:

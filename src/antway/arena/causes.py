@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable
 
 import numpy as np
@@ -60,10 +61,10 @@ def by_cause(rows: Iterable[Row]) -> dict[str, int]:
 
     If the clairvoyant optimum does not reach the goal either, the cause is "no path at all".
     """
-    counts: dict[str, int] = {}
+    counts = Counter[str]()
     for row in rows:
         if not row.reached:
             _, _, why = row.reason.partition(_SPLIT)
             name = "no path at all" if row.bound == math.inf else f"{row.outcome}: {why}" if why else row.outcome
-            counts[name] = counts.get(name, 0) + 1
+            counts[name] += 1
     return dict(sorted(counts.items(), key=lambda one: (-one[1], one[0])))

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from antway.errors import BadParameter, BadResults
@@ -26,55 +25,28 @@ Key = tuple[str, str, str, int, str]  # suite, episode, policy, seed, version
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The result of one episode under one policy; missing numbers are NaN.
-
-    Attributes
-    ----------
-    suite, episode, policy : str
-    seed : int
-    version : str
-        Version of antway. These five are the key.
-    group : str
-        Kind of episode; statistics are made for each group.
-    outcome, reason : str
-        Value of `Outcome`, and a sentence that explains it.
-    time, length : float
-        s, m.
-    clearance : float
-        Smallest distance to a moving obstacle, m; infinite if there are none.
-    discomfort : float
-        Time spent nearer than 0.2 m to an obstacle, s.
-    side_changes, replans, waits : int
-        Changes of the side on which an obstacle is passed, changes of plan, and stops.
-    jerk : float
-        Root mean square, m/s^3.
-    bound, shortest, difficulty : float
-        `antway.arena.suites.Facts`.
-    cycle_p50, cycle_p99, cycle_max : float
-        Median, 99th percentile and maximum of the time of a control cycle, ms: the only columns that differ between two
-        runs of the same episode.
-    """
+    """The result of one episode under one policy; missing numbers are NaN. The first five fields are the key."""
 
     suite: str
     episode: str
     policy: str
     seed: int
-    version: str
-    group: str
-    outcome: str
-    reason: str
-    time: float = math.nan
-    length: float = math.nan
-    clearance: float = math.nan
-    discomfort: float = math.nan
-    side_changes: int = 0
-    replans: int = 0
-    waits: int = 0
-    jerk: float = math.nan
-    bound: float = math.nan
+    version: str  # of antway
+    group: str  # kind of episode; statistics are made for each group
+    outcome: str  # value of `Outcome`
+    reason: str  # a sentence about the outcome
+    time: float = math.nan  # s
+    length: float = math.nan  # m
+    clearance: float = math.nan  # m; smallest distance to a moving obstacle; infinite if there are none
+    discomfort: float = math.nan  # s; time spent nearer than 0.2 m to an obstacle
+    side_changes: int = 0  # changes of the side on which an obstacle is passed
+    replans: int = 0  # changes of plan
+    waits: int = 0  # stops
+    jerk: float = math.nan  # m/s^3; root mean square
+    bound: float = math.nan  # this and the next two: `antway.arena.suites.Facts`
     shortest: float = math.nan
     difficulty: float = math.nan
-    cycle_p50: float = math.nan
+    cycle_p50: float = math.nan  # ms; time of a control cycle; these columns alone differ between two runs of an episode
     cycle_p99: float = math.nan
     cycle_max: float = math.nan
 
@@ -107,13 +79,7 @@ _TABLE = (
 
 
 class Results:
-    """An open results file, created if it does not exist.
-
-    Parameters
-    ----------
-    path : str or Path
-    write : bool
-        Whether rows will be added; if not, the file must exist and is not changed.
+    """An open results file, created if it does not exist; unless it is to `write` rows, it must exist and is not changed.
 
     Raises
     ------
@@ -177,7 +143,7 @@ class Results:
     def __enter__(self) -> Results:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -187,10 +153,7 @@ class Results:
     def add(self, row: Row, trace: str = "") -> None:
         """Write a finished row and the JSON of its trace, if there is one; an existing row with the same key is kept.
 
-        Raises
-        ------
-        BadResults
-            If it cannot be written, for example because the disk is full. Earlier rows remain.
+        If it cannot be written, for example because the disk is full, `BadResults` is raised, and earlier rows remain.
         """
         values = astuple(row)
         packed = zlib.compress(trace.encode(), 6) if trace else None
@@ -207,13 +170,7 @@ class Results:
             return self.db.execute(query, key).fetchone() is not None
 
     def rows(self) -> list[Row]:
-        """Return all rows, sorted by key.
-
-        Raises
-        ------
-        BadResults
-            If a row is damaged.
-        """
+        """Return all rows, sorted by key; raise `BadResults` if one is damaged."""
         found = []
         with self._refusals():
             for *values, digest in self.db.execute(f"SELECT {_NAMES}, digest FROM episodes ORDER BY {_KEY}"):
@@ -249,12 +206,9 @@ class Results:
 
 
 def export(rows: list[Row], path: str | Path) -> Path:
-    """Write rows to a .csv, .json or .parquet file (the last needs pyarrow); return its path.
+    """Write rows to a .csv, .json or .parquet file, and return its path.
 
-    Raises
-    ------
-    BadParameter
-        For another suffix, or Parquet without pyarrow.
+    A `BadParameter` refuses another suffix, and Parquet without pyarrow.
     """
     path = Path(path)
     if path.suffix == ".csv":

@@ -71,24 +71,12 @@ class Chance:
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """A named family of scenarios.
+    """A named family of scenarios, each of a group."""
 
-    Attributes
-    ----------
-    name : str
-        Part of every episode's key; for a suite from a file it depends on the file's content.
-    groups : tuple of str
-        Kinds of episode that are counted together, "kind/level" if a kind has several levels.
-    make : function of (group, chance)
-        Returns a scenario.
-    default : int
-        Default number of episodes of each group.
-    """
-
-    name: str
-    groups: tuple[str, ...]
+    name: str  # part of every episode's key; for a suite from a file it depends on the file's content
+    groups: tuple[str, ...]  # kinds of episode that are counted together, "kind/level" if a kind has several levels
     make: Callable[[str, Chance], Scenario]
-    default: int = 100
+    default: int = 100  # number of episodes of each group, unless another is given
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,20 +108,14 @@ class Episode:
 class Facts:
     """Facts about an episode that do not depend on policies.
 
-    Attributes
-    ----------
-    bound : float
-        The clairvoyant optimum: the arrival time of SIPP (32 directions, known future) within the goal's tolerance, s; infinite
-        if it does not arrive in time, NaN if an obstacle follows the robot, so that the future is unknown.
-    shortest : float
-        Length of the shortest path of the same moves without obstacles, up to the goal's tolerance, m.
-    difficulty : float
-        Share of 200 robots with random starts and constant velocities at full speed that touch nothing for 5 s; a low share
-        means a difficult episode.
+    The bound is the clairvoyant optimum: the arrival time of SIPP (32 directions, known future) within the goal's tolerance;
+    infinite if it does not arrive in time, NaN if an obstacle follows the robot, so that the future is unknown. Difficulty is
+    the share of 200 robots with random starts and constant velocities at full speed that touch nothing for 5 s: a low share
+    means a difficult episode.
     """
 
-    bound: float
-    shortest: float
+    bound: float  # s
+    shortest: float  # m; length of the shortest path of the same moves without obstacles, up to the goal's tolerance
     difficulty: float
 
 
@@ -187,12 +169,8 @@ def robot_name(robot: str) -> str:
 def build(episode: Episode) -> Scenario:
     """Return the scenario of an episode.
 
-    A robot that is larger than that of the suite gets the first drawn world in which it fits at both ends and has a path.
-
-    Raises
-    ------
-    BadParameter
-        If there is none among a hundred.
+    A robot that is larger than that of the suite gets the first drawn world in which it fits at both ends and has a path; if
+    there is none among a hundred, it is refused by a `BadParameter`.
     """
     make = _suite(episode.spec).make
     scenario = make(episode.group, Chance(episode.seed))

@@ -181,12 +181,7 @@ class Guard:
     def passed(self, observation: Observation, command: Command | None, others: NDArray[np.float64] | None = None) -> Command:
         """Do as `limit` for an observation that has been checked already.
 
-        Parameters
-        ----------
-        observation, command
-            As in `limit`.
-        others : float64[N, 2] or None
-            For robots with inertia: replacements for a command that does not pass, best first. The first that passes is taken.
+        A robot with inertia may get `others`, float64[N, 2], in place of a command that does not pass: the first that passes.
         """
         o, robot = observation, self.task.robot
         stamp = o.sensed_at

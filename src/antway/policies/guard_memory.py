@@ -47,20 +47,11 @@ _WHOLE, _REAL = np.dtype(np.int64), np.dtype(np.float64)
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The answer to an observation.
+    """The answer to an observation."""
 
-    Attributes
-    ----------
-    number : int
-        Number of the observation that it answers.
-    command : Command
-    did : str
-        What the guard did (`antway.policies.guard.DID`); "silent": the guard process gave no answer, and the robot brakes.
-    """
-
-    number: int
+    number: int  # of the observation that it answers
     command: Command
-    did: str
+    did: str  # what the guard did (`guard.DID`); "silent": the guard process gave no answer, and the robot brakes
 
 
 def _arrays(n: int, memory: Any, at: int = 0) -> tuple[Any, Any, Any, Any]:

@@ -69,7 +69,7 @@ def pose_message(x: float, y: float, yaw: float, make: Make = plain) -> Any:
 
 def read_pose(pose: Any, *, where: str = "pose") -> tuple[float, float, float]:
     """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuse a pose that is not finite or is tilted."""
-    x, y = (checks.number(f"position.{n}", getattr(pose.position, n), where=where) for n in "xy")
+    x, y = _xy(pose.position, where, most=math.inf, unit="")
     q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), where=where) for n in "xyzw"]
     if abs(math.hypot(q[2], q[3]) - 1.0) > _TILT:
         raise BadParameter("orientation", tuple(q), "a unit quaternion of a turn about z", where=where)
@@ -92,11 +92,9 @@ def read_mount(pose: Any, *, where: str = "pose") -> tuple[tuple[float, float, f
     return read_pose(plain("", position=pose.position, orientation=level), where=where), True
 
 
-def _place(point: Any, where: str) -> XY:
-    """Return x and y of a geometry_msgs/msg/Point, m."""
-    x, y = (
-        checks.number(f"position.{n}", getattr(point, n), low=-MAX_PLACE, high=MAX_PLACE, unit="m", where=where) for n in "xy"
-    )
+def _xy(vector: Any, where: str, part: str = "position", most: float = MAX_PLACE, unit: str = "m") -> XY:
+    """Return x and y of a vector, which errors call `part`, each within `most`."""
+    x, y = (checks.number(f"{part}.{n}", getattr(vector, n), low=-most, high=most, unit=unit, where=where) for n in "xy")
     return x, y
 
 
@@ -253,10 +251,7 @@ def path_message(xy: ArrayLike, make: Make = plain, *, t: float = 0.0, frame: st
 def read_path(message: Any) -> NDArray[np.float64]:
     """Return the vertices of a nav_msgs/msg/Path, float64[N, 2] in m.
 
-    Raises
-    ------
-    BadParameter
-        For a pose that is not finite, is tilted, or is beyond limits (docs/limits.md).
+    A `BadParameter` names a pose that is not finite, is tilted, or is beyond limits (docs/limits.md).
     """
     places, turns = ([getattr(one.pose, part) for one in message.poses] for part in ("position", "orientation"))
     xy = np.array([(p.x, p.y) for p in places], np.float64).reshape(-1, 2)
@@ -264,7 +259,7 @@ def read_path(message: Any) -> NDArray[np.float64]:
     sound = (abs(xy) <= MAX_PLACE).all(axis=1) & np.isfinite(q).all(axis=1) & (abs(np.hypot(q[:, 2], q[:, 3]) - 1.0) <= _TILT)
     for i in np.flatnonzero(~sound).tolist():  # these say what is wrong
         where = f"Path.poses[{i}]"
-        _place(places[i], where)
+        _xy(places[i], where)
         read_pose(message.poses[i].pose, where=where)
     return xy
 
@@ -294,10 +289,7 @@ def twist_message(command: Command, velocity: XY, heading: float, robot: RobotSp
 
 def read_twist(message: Any, heading: float) -> Command:
     """Return the velocity of a geometry_msgs/msg/Twist, given in the frame of a robot with that heading, as a command."""
-    x, y = (
-        checks.number(f"linear.{n}", getattr(message.linear, n), low=-MAX_SPEED, high=MAX_SPEED, unit="m/s", where="Twist")
-        for n in "xy"
-    )
+    x, y = _xy(message.linear, "Twist", "linear", MAX_SPEED, "m/s")
     cos, sin = math.cos(heading), math.sin(heading)
     return Command((cos * x - sin * y, sin * x + cos * y))
 
@@ -308,7 +300,7 @@ def read_odometry(message: Any) -> Odometry:
     The robot may be on a ramp, tilted by up to 0.35 rad; its heading is then that of its x axis seen from above.
     """
     pose, where = message.pose.pose, "Odometry.pose"
-    (x, y), q = _place(pose.position, where), pose.orientation
+    (x, y), q = _xy(pose.position, where), pose.orientation
     if abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) <= _TILT:
         tilt = 2.0 * math.acos(min(math.hypot(q.z, q.w), 1.0))
         checks.number("tilt", tilt, high=_RAMP, unit="rad", where=where)
@@ -324,7 +316,7 @@ def read_odometry(message: Any) -> Odometry:
 
 def read_poses(message: Any, radius: float) -> tuple[float, Tracks]:
     """Return (t in s, tracks) of a geometry_msgs/msg/PoseArray: discs of `radius` m without names, velocities and yaws."""
-    places = [_place(pose.position, f"PoseArray.poses[{i}]") for i, pose in enumerate(message.poses)]
+    places = [_xy(pose.position, f"PoseArray.poses[{i}]") for i, pose in enumerate(message.poses)]
     n = len(places)
     xy = np.array(places, np.float64).reshape(n, 2)
     return seconds(message.header.stamp), Tracks(np.full(n, -1, np.int64), xy, np.full((n, 2), math.nan), np.full(n, radius))
@@ -358,18 +350,13 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
         if marker.type in (CUBE, SPHERE, CYLINDER):
             if name in discs:
                 raise BadParameter("id", marker.id, "the id of only one disc of its namespace", where=where)
-            place = marker.pose.position
-            scales = ((f"scale.{n}", getattr(marker.scale, n)) for n in "xy")
-            wide = [checks.number(field, value, low=0.0, high=MAX_PLACE, where=where) for field, value in scales]
-            x, y = _place(place, where)
+            wide = [checks.number(f"scale.{n}", getattr(marker.scale, n), low=0.0, high=MAX_PLACE, where=where) for n in "xy"]
+            x, y = _xy(marker.pose.position, where)
             stamps.append(seconds(marker.header.stamp))
             diameter = math.hypot(*wide) if marker.type == CUBE else max(wide)
             discs[name] = (x, y, checks.number("scale", diameter, low=0.0, open_low=True, unit="m", where=where) / 2)
         elif marker.type == ARROW and len(marker.points) == 2:
-            tail, tip = marker.points
-            (x0, y0), (x1, y1) = (
-                [checks.number(f"points.{n}", getattr(end, n), where=where) for n in "xy"] for end in (tail, tip)
-            )
+            (x0, y0), (x1, y1) = (_xy(end, where, "points", math.inf, "") for end in marker.points)
             vx, vy = x1 - x0, y1 - y0
             checks.number("points", math.hypot(vx, vy), high=MAX_SPEED, unit="m apart, which says m/s", where=where)
             arrows[name] = (vx, vy)

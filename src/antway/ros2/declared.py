@@ -18,12 +18,7 @@ _OF_ROS = ("use_sim_time", "qos_overrides", "start_type_description_service")
 class Declared:
     """The parameters of `node`.
 
-    Attributes
-    ----------
-    values : dict
-        The values; of robot.* those that somebody has set, because a named robot has values of its own for the others.
-    configured : bool
-        Whether the node uses other values than those that are set from now on.
+    `configured` tells whether the node uses other values than those that are set from now on.
 
     Raises
     ------
@@ -33,7 +28,7 @@ class Declared:
 
     def __init__(self, node: Any) -> None:
         self.node, self.configured, self.telling = node, False, False
-        self.values: dict[str, Any] = {}
+        self.values: dict[str, Any] = {}  # of robot.* those that somebody has set: a named robot has its own for the others
         given = getattr(node, "_parameter_overrides", {})
         for name, one in parameters().items():
             about = make("rcl_interfaces/msg/ParameterDescriptor", description=one.text, additional_constraints=one.allowed)

@@ -32,13 +32,9 @@ class Odometry(NamedTuple):
 
 
 def check_age(odometry: Odometry, now: float, most: float) -> None:
-    """Refuse odometry that is older than `most` s by a clock that shows `now` s.
+    """Raise `BadParameter` for odometry that is older than `most` s by a clock that shows `now` s.
 
     A stamp of 0, one that is more than a minute old and one that is newer than `now` tell nothing of the age.
-
-    Raises
-    ------
-    BadParameter
     """
     age = now - odometry.t
     if odometry.t > 0.0 and most < age < _OTHER_CLOCK:

@@ -43,21 +43,9 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A goal.
+    """A goal."""
 
-    Attributes
-    ----------
-    xy : (x, y)
-        m.
-    path : float64[N, 2] or None
-        The path to it; the robot stays within `corridor` m of it.
-    yaw : float
-        Final heading of wheels, rad; NaN: any.
-    gives_up : bool
-        Whether the robot gives the goal up after `wait_timeout`, or without progress.
-    """
-
-    xy: XY
-    path: NDArray[np.float64] | None = None
-    gives_up: bool = False
-    yaw: float = math.nan
+    xy: XY  # m
+    path: NDArray[np.float64] | None = None  # float64[N, 2], m; the robot stays within `corridor` m of it
+    gives_up: bool = False  # whether the robot gives the goal up after `wait_timeout`, or without progress
+    yaw: float = math.nan  # rad; final heading of wheels; NaN: any

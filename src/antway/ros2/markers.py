@@ -58,10 +58,7 @@ def decision_message(decision: Decision, xy: XY, tracks: Tracks, t: float, make:
 def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.float64]]:
     """Return where each track will be from now to `horizon` s, as the policy predicts it: constant velocity, mirrored at walls.
 
-    Returns
-    -------
-    list of float64[M, 3]
-        t in s, x and y in m; one for each track.
+    For each track these are rows t in s, x and y in m, float64[M, 3].
     """
     margins = TubeMargins(0.0)
     rows = np.column_stack(

@@ -126,12 +126,8 @@ def find_path(
     """Return the cell centres, float64[N, 2] in m, of the shortest path through `stops`, planned within `limit` s.
 
     `inflated` is `grid` inflated by the robot's `radius`. If the robot cannot stand at the last stop, the path leads to the
-    nearest possible place within `tolerance` m. The first stop may be in a wall by some centimetres (`start_cell`).
-
-    Raises
-    ------
-    Failure
-        With Nav2's error code.
+    nearest possible place within `tolerance` m. The first stop may be in a wall by some centimetres (`start_cell`). A `Failure`
+    with Nav2's error code says why there is no path.
     """
     cells = []
     for i, xy in enumerate(stops):

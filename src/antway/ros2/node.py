@@ -37,7 +37,7 @@ from antway.ros2.nav2 import Kind, nav2_kinds
 from antway.ros2.pictures import Pictures
 from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
 from antway.ros2.reports import Reports
-from antway.ros2.scan import Laser, Tracker, Walls, discs, newest_reached, without_ids
+from antway.ros2.scan import Background, Laser, Tracker, discs, newest_reached, without_ids
 from antway.ros2.settings import LASER, Settings
 from antway.ros2.tf import Transforms
 from antway.world.policy import Command, Task, Tracks
@@ -52,10 +52,7 @@ SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 class AntwayNode(LifecycleNode):  # type: ignore[misc]
     """Converts messages for the pilot, and its answers to messages.
 
-    Parameters
-    ----------
-    kinds : mapping of str to Kind, or None
-        The actions compute_path_to_pose and follow_path; None: those of Nav2, if nav2_msgs can be imported.
+    Its actions are of these `kinds`, by name; None: those of Nav2, if nav2_msgs can be imported.
     """
 
     def __init__(self, kinds: Mapping[str, Kind] | None = None) -> None:
@@ -98,7 +95,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.feed: Callable[[], None] | None = None  # called after each command
         self.maps = convert.MapReader(self.settings.frame, self.settings.map_occupied)
         self.laser = Laser(self.settings.timeout)
-        self.walls: Walls | None = None  # of the map, for laser scans
+        self.background: Background | None = None  # of the map, for laser scans
         self.heard = time.monotonic()  # s; when odometry was last good
         self.answered = self._seconds()  # s; when it was last answered
         self.stood = -math.inf, 0.0  # s; when the robot was last told to stand, and when that is to be repeated
@@ -278,9 +275,9 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         def read(scan: tuple[float, Any]) -> tuple[float, Tracks]:
             seen, (_, (x, y, _)) = laser.middle(scan), laser.trail[-1]
             mount = self.transforms.mount(scan[1].header.frame_id, settings.base_frame, scan[0], settings.timeout)
-            if self.walls is None or self.walls.grid is not grid:
-                self.walls = Walls(grid, settings.scan_clear)
-            points = self.walls.off(laser.placed(scan, *mount, settings.scan_valid))
+            if self.background is None or self.background.grid is not grid:
+                self.background = Background(grid, settings.scan_clear)
+            points = self.background.off(laser.placed(scan, *mount, settings.scan_valid))
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
             return seen, self.tracker.update(seen, without_ids(places), (x, y))
 

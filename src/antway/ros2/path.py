@@ -72,24 +72,12 @@ def _cells_of(grid: Grid, xy: NDArray[np.float64]) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """Where a robot is along a path.
+    """Where a robot is along a path."""
 
-    Attributes
-    ----------
-    index : int
-        Index of the vertex at which the nearest segment starts.
-    aside : float
-        Distance from the path, m; positive to its left.
-    turned : float
-        Direction of the path minus the robot's heading, rad; positive if the robot is turned to the right of the path.
-    left : float
-        Length of the path from there to its end, m.
-    """
-
-    index: int
-    aside: float
-    turned: float
-    left: float
+    index: int  # of the vertex at which the nearest segment starts
+    aside: float  # m; distance from the path, positive to its left
+    turned: float  # rad; direction of the path minus the heading, positive if the robot is turned to the right of the path
+    left: float  # m; length of the path from there to its end
 
 
 def tracking(path: NDArray[np.float64], xy: XY, heading: float) -> Tracking:

@@ -30,14 +30,8 @@ def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], 
     """Return the points of a sensor_msgs/msg/LaserScan, float64[N, 2] in m in the laser's frame, and which beams they are.
 
     A range of -inf (too near to measure, REP 117) counts as range_min; NaN, 0 and ranges out of limits give no point. range_max
-    may be infinite.
-
-    Parameters
-    ----------
-    message : sensor_msgs/msg/LaserScan
-    valid : float
-        Share of the beams that must be valid, [0, 1]: NaN, 0 and ranges below range_min, -inf too, are invalid. A covered or
-        broken laser does not mean that the place is empty.
+    may be infinite. The share `valid` of the beams, [0, 1], must be valid, which NaN, 0 and ranges below range_min, -inf too,
+    are not: a covered or broken laser does not mean that the place is empty.
 
     Raises
     ------
@@ -91,10 +85,7 @@ def newest_reached(waiting: deque[tuple[float, Any]], t: float) -> tuple[float, 
 class Laser:
     """Scans of a laser, each of which waits for odometry, which tells where the robot was at each of its beams.
 
-    Parameters
-    ----------
-    longest : float
-        The longest sweep, from the first beam to the last, that is believed, s. Some drivers report nonsense.
+    No sweep from the first beam to the last is believed to be longer than `longest` s: some drivers report nonsense.
     """
 
     def __init__(self, longest: float) -> None:
@@ -153,7 +144,7 @@ class Laser:
         return np.column_stack((x + cos * px - sin * py, y + sin * px + cos * py))
 
 
-class Walls:
+class Background:
     """Tells which points are part of a map: a blocked cell, or the map's edge, is within `clear` m along either axis."""
 
     def __init__(self, grid: Grid, clear: float) -> None:

@@ -7,9 +7,8 @@ import importlib
 import inspect
 import math
 import re
-import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from typing import Any
 
@@ -26,35 +25,6 @@ from antway.world.policy import RobotSpec, Task, Tracks
 from antway.world.robots import DRIVES, load_robot
 
 LASER = "sensor_msgs/msg/LaserScan"
-_OWN: dict[str, tuple[Any, str]] = {
-    "robot.name": ("", f"Robot: {names(ROBOTS)}, or a .toml file; other robot.* parameters that are set override it."),
-    "yaw_tolerance": (math.pi, "rad; tolerance of the final heading of wheels; pi or more: any heading."),
-    "autostart": (False, "Configure and activate at start, without a lifecycle manager."),
-    "map_occupied": (100, "1 to 100; cost from which a cell of the map is blocked (lethal cells of a costmap have 100)."),
-    "frame": ("map", "Frame of the map; messages in other frames need tf."),
-    "base_frame": ("base_link", "Frame of the robot; commands are in this frame."),
-    "planner": ("jps", f"Planner for get_plan and compute_path_to_pose: {names(PLANNERS)}."),
-    "planner_id": ("GridBased", "Name of that planner for compute_path_to_pose, besides the names of all planners."),
-    "controller_id": ("FollowPath", "Name of this controller for follow_path."),
-    "plan_time": (5.0, "s; time limit of a plan."),
-    "timeout": (0.5, "s; the robot stands if obstacles or tf are silent, or odometry is silent or old, for this time."),
-    "corridor": (2.0, "m; how far the robot may leave the path of follow_path to avoid obstacles."),
-    "wait_timeout": (5.0, "s; follow_path fails if the robot must wait longer for map, odometry or obstacles."),
-    "progress_radius": (0.5, "m; distance that the robot must move within progress_time, or follow_path fails."),
-    "progress_time": (20.0, "s; time within which the robot must move by progress_radius, or follow_path fails."),
-    "guard_process": (
-        False,
-        "Run the guard in a separate process, which sends the commands, and brakes if the node hangs or is killed.",
-    ),
-    "stamped": (True, "Whether cmd_vel is a TwistStamped (stamped with the odometry that it answers) or a Twist."),
-    "obstacles_type": ("visualization_msgs/msg/MarkerArray", f"Type of messages on obstacles; {LASER} comes on scan."),
-    "obstacles_converter": ("", "module:function that converts such a message to (t in s, Tracks); empty for built-in types."),
-    "obstacle_radius": (0.3, "m; radius of obstacles from a PoseArray."),
-    "scan_gap": (0.3, "m; points of a laser scan that are farther apart belong to different obstacles."),
-    "scan_clear": (0.15, "m; points of a laser scan within this distance of blocked cells belong to the map."),
-    "scan_valid": (0.2, "1; least share of valid beams in a laser scan."),
-    "scan_radius": (0.8, "m; largest radius of an obstacle from a laser scan; larger ones are divided."),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +38,11 @@ class Parameter:
     high: float
 
 
+def _own(default: Any, text: str) -> Any:
+    """Return the field of a parameter that is of the node itself, with its default and description."""
+    return field(default=default, metadata={"text": text})
+
+
 @dataclass(frozen=True, slots=True)
 class Settings:
     """The parameters, checked by the definitions they come from, named as in `parameters` without prefixes."""
@@ -75,28 +50,38 @@ class Settings:
     robot: RobotSpec
     task: dict[str, float]
     policy: dict[str, Any]
-    autostart: bool
-    map_occupied: int
-    frame: str
-    base_frame: str
-    planner: str
-    planner_id: str
-    controller_id: str
-    plan_time: float
-    timeout: float
-    yaw_tolerance: float
-    corridor: float
-    wait_timeout: float
-    progress_radius: float
-    progress_time: float
-    guard_process: bool
-    stamped: bool
-    obstacles_type: str
     reader: Callable[[Any], Any] | None  # None for laser scans
-    scan_gap: float
-    scan_clear: float
-    scan_valid: float
-    scan_radius: float
+    yaw_tolerance: float = _own(math.pi, "rad; tolerance of the final heading of wheels; pi or more: any heading.")
+    autostart: bool = _own(False, "Configure and activate at start, without a lifecycle manager.")
+    map_occupied: int = _own(
+        100, "1 to 100; cost from which a cell of the map is blocked (lethal cells of a costmap have 100)."
+    )
+    frame: str = _own("map", "Frame of the map; messages in other frames need tf.")
+    base_frame: str = _own("base_link", "Frame of the robot; commands are in this frame.")
+    planner: str = _own("jps", f"Planner for get_plan and compute_path_to_pose: {names(PLANNERS)}.")
+    planner_id: str = _own("GridBased", "Name of that planner for compute_path_to_pose, besides the names of all planners.")
+    controller_id: str = _own("FollowPath", "Name of this controller for follow_path.")
+    plan_time: float = _own(5.0, "s; time limit of a plan.")
+    timeout: float = _own(
+        0.5, "s; the robot stands if obstacles or tf are silent, or odometry is silent or old, for this time."
+    )
+    corridor: float = _own(2.0, "m; how far the robot may leave the path of follow_path to avoid obstacles.")
+    wait_timeout: float = _own(5.0, "s; follow_path fails if the robot must wait longer for map, odometry or obstacles.")
+    progress_radius: float = _own(0.5, "m; distance that the robot must move within progress_time, or follow_path fails.")
+    progress_time: float = _own(20.0, "s; time within which the robot must move by progress_radius, or follow_path fails.")
+    guard_process: bool = _own(
+        False, "Run the guard in a separate process, which sends the commands, and brakes if the node hangs or is killed."
+    )
+    stamped: bool = _own(True, "Whether cmd_vel is a TwistStamped (stamped with the odometry that it answers) or a Twist.")
+    obstacles_type: str = _own("visualization_msgs/msg/MarkerArray", f"Type of messages on obstacles; {LASER} comes on scan.")
+    obstacles_converter: str = _own(
+        "", "module:function that converts such a message to (t in s, Tracks); empty for built-in types."
+    )
+    obstacle_radius: float = _own(0.3, "m; radius of obstacles from a PoseArray.")
+    scan_gap: float = _own(0.3, "m; points of a laser scan that are farther apart belong to different obstacles.")
+    scan_clear: float = _own(0.15, "m; points of a laser scan within this distance of blocked cells belong to the map.")
+    scan_valid: float = _own(0.2, "1; least share of valid beams in a laser scan.")
+    scan_radius: float = _own(0.8, "m; largest radius of an obstacle from a laser scan; larger ones are divided.")
 
     @staticmethod
     def of(values: Mapping[str, Any]) -> Settings:
@@ -120,19 +105,11 @@ class Settings:
         robot = named(_robot, "robot.", part("robot."))
         place = Grid(np.zeros((1, 1), bool))
         named(lambda **options: Task(place, robot, (0.5, 0.5), (0.5, 0.5), **options), "task.", part("task."))
-        own: dict[str, Any] = {
-            name: checks.number(
-                name,
-                values[name],
-                low=0.0,
-                high=1.0 if name in ("scan_valid", "scan_clear") else MAX_PLACE,
-                open_low=True,
-                unit=text.partition(";")[0],
-            )
-            for name, (default, text) in _OWN.items()
-            if isinstance(default, float)
-        }
-        radius = own.pop("obstacle_radius")
+        own: dict[str, Any] = {}
+        for name, (default, text) in _OWN.items():
+            if isinstance(default, float):
+                most, unit = 1.0 if name in ("scan_valid", "scan_clear") else MAX_PLACE, text.partition(";")[0]
+                own[name] = checks.number(name, values[name], low=0.0, high=most, open_low=True, unit=unit)
         for name in ("autostart", "guard_process", "stamped", "frame", "base_frame", "planner_id", "controller_id"):
             own[name] = checks.instance(name, values[name], type(_OWN[name][0]))
             if name.endswith("frame") and not own[name]:
@@ -144,12 +121,14 @@ class Settings:
             policy=policy,
             map_occupied=checks.integer("map_occupied", values["map_occupied"], low=1, high=100),
             planner=checks.choice("planner", values["planner"], PLANNERS),
-            reader=_reader(kind, values["obstacles_converter"], radius),
+            reader=_reader(kind, values["obstacles_converter"], own["obstacle_radius"]),
             obstacles_type=kind,
+            obstacles_converter=values["obstacles_converter"],
             **own,
         )
 
 
+_OWN = {f.name: (f.default, f.metadata["text"]) for f in fields(Settings) if f.metadata}
 _TASK_DEFAULTS = {"stay": 1.0}  # of a task, in place of its defaults: a robot is to stand at its goal
 _UNSAID = {"drive": "", "brake_max": 0.0, "footprint": "[]"}  # for parameters without a default, or that may be None
 
@@ -157,11 +136,7 @@ _UNSAID = {"drive": "", "brake_max": 0.0, "footprint": "[]"}  # for parameters w
 def _robot(name: str = "", drive: str = "", **given: Any) -> RobotSpec:
     """Return the robot of that name with what is given besides or, without a name, the robot of what is given.
 
-    Raises
-    ------
-    BadParameter
-        For values that `RobotSpec` refuses, or if neither a name nor a drive is given, because a holonomic robot is no
-        sensible default.
+    If neither a name nor a drive is given, that is a `BadParameter`, because a holonomic robot is no sensible default.
     """
     if "brake_max" in given:
         given["brake_max"] = checks.number("brake_max", given["brake_max"], low=0.0, infinite=True, unit="m/s^2; 0: as a_max")
@@ -232,12 +207,6 @@ def _reader(kind: str, hook: str, radius: float) -> Callable[[Any], Any] | None:
     return read
 
 
-def defaults(**changes: Any) -> dict[str, Any]:
-    """Return the default values of all parameters for a holonomic robot, with `changes`."""
-    values = {name: one.default for name, one in parameters().items() if not name.startswith("robot.")}
-    return values | {"robot.drive": "holonomic"} | changes
-
-
 def refused(values: Mapping[str, Any], name: str, value: Any) -> BadInput | None:
     """Return why `value` is refused for the parameter `name` besides `values`, for any drive; None if it is not."""
     wrong = None
@@ -295,44 +264,41 @@ def parameters() -> dict[str, Parameter]:
             continue  # ROS has no type for values that the policy computes if they are not given
         default = option.default.value if isinstance(option.default, Moves) else option.default
         found[f"policy.{name}"] = (default, options[name])
+    found["robot.name"] = ("", f"Robot: {names(ROBOTS)}, or a .toml file; other robot.* parameters that are set override it.")
     found |= _OWN
     defaults = {name: default for name, (default, _) in found.items()}
-
-    def refusal(name: str, value: Any) -> str:
-        """Return why `value` is refused; empty if it is not."""
-        wrong = refused(defaults, name, value)
-        return "" if wrong is None else wrong.allowed
-
     result = {}
     for name, (default, text) in found.items():
-        low = high = 0.0
+        wrong, low, high = refused(defaults, name, None), 0.0, 0.0
         if isinstance(default, (int, float)) and not isinstance(default, bool):
             most = math.inf if isinstance(default, float) else 2**63 - 1
-            low, high = (_end(lambda value: not refusal(name, value), default, sign * most) for sign in (-1, 1))  # noqa: B023
-        result[name] = Parameter(default, text, refusal(name, None), low, high)
+            low, high = (
+                _end(lambda value: refused(defaults, name, value) is None, default, sign * most)  # noqa: B023
+                for sign in (-1, 1)
+            )
+        result[name] = Parameter(default, text, "" if wrong is None else wrong.allowed, low, high)
     return result
 
 
 def _end(accepts: Callable[[Any], bool], inside: Any, outside: Any) -> Any:
-    """Return the last accepted number from `inside` towards `outside`, by bisection over floats."""
-    whole = isinstance(inside, int)
-    for likely in (outside, *((0, 1) if whole else (math.copysign(sys.float_info.max, outside), 0.0, 5e-324))):
-        beyond = likely + (1 if outside > inside else -1) if whole else math.nextafter(likely, outside)
-        if accepts(likely) and (likely == outside or not accepts(beyond)):
+    """Return the last accepted number from `inside` towards `outside`, by bisection over whole numbers or ranks of floats."""
+    if isinstance(inside, float):
+        return _ranked(_end(lambda rank: accepts(_ranked(rank)), _rank(inside), _rank(outside)))
+    step = 1 if outside > inside else -1
+    for likely in (outside, outside - step, 0, 1):
+        if accepts(likely) and (likely == outside or not accepts(likely + step)):
             return likely
-    while True:
-        middle = (inside + outside) // 2 if whole else _between(inside, outside)
-        if middle in (inside, outside):
-            return inside
+    while abs(outside - inside) > 1:
+        middle = (inside + outside) // 2
         inside, outside = (middle, outside) if accepts(middle) else (inside, middle)
+    return inside
 
 
-def _between(a: float, b: float) -> float:
-    """Return the float halfway from `a` to `b` in the order of their bits."""
+def _rank(value: float) -> int:
+    """Return the place of a float in the order of all: those next to 0.0, of rank 0, have the ranks -1 and 1."""
+    return int(math.copysign(1.0, value)) * int(np.float64(abs(value)).view(np.int64))
 
-    def rank(value: float) -> int:
-        bits = int(np.float64(value).view(np.int64))
-        return bits if bits >= 0 else -(bits & (2**63 - 1))
 
-    middle = (rank(a) + rank(b)) // 2
-    return math.copysign(float(np.int64(abs(middle)).view(np.float64)), middle)
+def _ranked(rank: int) -> float:
+    """Return the float of a rank."""
+    return math.copysign(float(np.int64(abs(rank)).view(np.float64)), rank)

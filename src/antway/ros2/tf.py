@@ -42,11 +42,8 @@ class Transforms:
     def mount(self, frame: str, within: str, t: float, timeout: float) -> tuple[Pose, bool]:
         """Return the latest pose of `frame` in the frame `within`, and whether it is upside down: its y axis is then mirrored.
 
-        Raises
-        ------
-        BadParameter
-            If there is none, it is more than `timeout` s older or `timeout` + POSTDATED s newer than `t` s, or it is tilted;
-            static ones (time 0) have no age.
+        A `BadParameter` says that there is none, that it is more than `timeout` s older or `timeout` + POSTDATED s newer than
+        `t` s, or that it is tilted; static ones (time 0) have no age.
         """
         if frame == within:
             return HERE, False

@@ -26,10 +26,7 @@ SECONDS = 1.0  # s; time of the search for the best order
 def find_tour(grid: Grid, places: list[Pose], radius: float) -> tuple[list[int], NDArray[np.float64]]:
     """Return the best order of `places` after the first, which is the start, and the path through them, float64[N, 2] in m.
 
-    Raises
-    ------
-    Failure
-        With Nav2's error code.
+    A `Failure` with Nav2's error code says why there is none.
     """
     start, *stops = [place[:2] for place in places]
     try:
@@ -42,21 +39,10 @@ def find_tour(grid: Grid, places: list[Pose], radius: float) -> tuple[list[int],
 
 
 class Visit:
-    """A goal of visit_poses: drives to its poses in the best order, and skips those that it cannot reach.
+    """A goal of visit_poses: drives from `start` to `poses` in the best order, and skips those that it cannot reach.
 
-    Parameters
-    ----------
-    node : AntwayNode
-    start : Pose
-        Place of the robot.
-    poses : list of Pose
-        Destinations in the map's frame.
-    loops : int
-        Number of repetitions after the first round.
-    ended : function of (code, reason, missed)
-        Called once at the end: Nav2's error code, a text, and (index, code) of each pose that was missed.
-    feed : function of index
-        Called after each command with the present destination.
+    After the first round there are `loops` repetitions. `ended` is called once, with Nav2's error code, a text, and (index,
+    code) of each pose that was missed; `feed` after each command, with the index of the present destination.
     """
 
     def __init__(

@@ -16,8 +16,7 @@ from antway.errors import BadParameter
 from antway.planning import Plan
 from antway.view import style
 from antway.view.figures import HORIZON, predicted
-from antway.view.moments import decision_at
-from antway.view.packing import faint_scale
+from antway.view.pages import faint_scale
 from antway.world.trace import Trace
 from antway.writing import writing
 
@@ -227,7 +226,7 @@ def _backdrop(painter: _Painter, shortest: Plan | None) -> Image.Image:
 def _frame(painter: _Painter, step: int, named: bool) -> Image.Image:
     """Return the picture of an episode at a step, with a caption, which has the name of the policy if it is `named`."""
     trace, picture = painter.trace, painter.backdrop.copy()
-    decision = decision_at(trace, step)
+    decision = trace.decision_at(step)
     if decision is not None and decision.pheromone is not None:
         _paste_pheromone(picture, painter, *decision.pheromone)
     _paste_predictions(picture, painter, step)

@@ -34,18 +34,8 @@ _LOOKS = tuple(zip(style.COLOURS, "os^DvP", style.DASHES, strict=True))  # of po
 def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = None, path: Plan | None = None) -> Figure:
     """Draw the robot's progress along the global path against time, and the parts of the path that obstacles occupy.
 
-    Parameters
-    ----------
-    trace : Trace
-    start, end : float, float or None
-        The span of time to draw, s; None: to the end.
-    path : Plan or None
-        The path; None: the shortest over the cells.
-
-    Notes
-    -----
-    On the path the robot must avoid the occupied parts: it waits below them, or has passed above them. Off the path, drawn
-    dotted, it makes a detour.
+    On the path, by default the shortest over the cells, the robot must avoid the occupied parts: it waits below them, or has
+    passed above them. Off the path, drawn dotted, it makes a detour. The times drawn are from `start` to `end`, s.
     """
     last = float(trace.t[-1])
     start = checks.number("start", start, low=0.0, high=last, unit="s")
@@ -71,7 +61,9 @@ def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = N
         if taken.any():
             look = ListedColormap([(0.0, 0.0, 0.0, 0.0), to_rgba(style.RED, 0.42)])
             axes.imshow(taken.T, origin="lower", extent=extent, aspect="auto", cmap=look, vmin=0, vmax=1, zorder=1)
-            numbers += [(when, where, str(trace.obstacle_id[k])) for when, where in _middles(taken)]
+            parts, count = scipy.ndimage.label(taken)
+            middles = scipy.ndimage.center_of_mass(taken, parts, range(1, count + 1))
+            numbers += [(round(when), round(where), str(trace.obstacle_id[k])) for when, where in middles]
     axes.plot([], [], "s", color=style.RED, alpha=0.42, markersize=9, label="taken by an obstacle (its number)")
     style.draw_path(axes, np.column_stack((t, progress)), style.BLUE, 2.0, label="robot")
     if beside.any():
@@ -123,10 +115,7 @@ def draw_pheromone(axes: Axes, grid: Grid, found: Exploration, words: str) -> No
 def success_figure(table: Sequence[Summary]) -> Figure:
     """Draw the share of episodes that reached the goal, by level and policy, with 95 % intervals.
 
-    Parameters
-    ----------
-    table : sequence of Summary
-        From `antway.arena.summary.summarise`; rows over all levels are left out if there are others.
+    Rows over all levels are left out if there are others.
     """
     if not table:
         raise BadParameter("table", table, "at least one summary")
@@ -189,12 +178,6 @@ def _points(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np
     ends = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(nodes, axis=0).T))))
     along = np.linspace(0.0, ends[-1], max(2, int(ends[-1] / _STEP) + 1))
     return np.column_stack([np.interp(along, ends, nodes[:, i]) for i in (0, 1)]), along
-
-
-def _middles(taken: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the middle of each connected occupied part."""
-    parts, count = scipy.ndimage.label(taken)
-    return [(round(when), round(where)) for when, where in scipy.ndimage.center_of_mass(taken, parts, range(1, count + 1))]
 
 
 def _apart(numbers: list[tuple[int, int, str]], wide: float, high: float) -> list[tuple[int, int, str]]:

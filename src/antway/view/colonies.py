@@ -20,11 +20,7 @@ from antway.view.charts import draw_pheromone
 def pheromone_over_time_figure(grid: Grid, found: Mapping[int, Exploration]) -> Figure:
     """Draw pheromone and best path after several numbers of cycles, side by side.
 
-    Parameters
-    ----------
-    grid : Grid
-    found : mapping of int to Exploration
-        By number of cycles: `explore` with the same problem and seed shows the same colony at several times.
+    `explore` with the same problem and seed shows the same colony after each number of cycles.
 
     Examples
     --------

@@ -19,8 +19,8 @@ from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.planning import Plan
 from antway.view import style
-from antway.view.moments import decision_at, global_path, in_words, meeting, moments, shortest, title_of
-from antway.view.packing import faint_scale
+from antway.view.moments import global_path, in_words, meeting, moments, shortest, title_of
+from antway.view.pages import faint_scale
 from antway.view.style import save
 from antway.world.policy import Decision
 from antway.world.trace import Trace
@@ -39,17 +39,9 @@ def plan_figure(
     title: str = "Shortest path on the known map",
     ends: tuple[Sequence[float], Sequence[float]] | None = None,
 ) -> Figure:
-    """Draw a plan on its map (Fig. 4 of the paper).
+    """Draw a plan on its map, which is not inflated (Fig. 4 of the paper); without a path, the map and the ends alone.
 
-    Parameters
-    ----------
-    grid : Grid
-        The map, not inflated.
-    path : Plan
-        If it has no path, only the map and the ends are drawn.
-    title : str
-    ends : ((x, y), (x, y)) or None
-        Start and goal in m; None: those of the path.
+    The ends, start and goal in m, are those of the path unless they are given.
     """
     fig = style.figure(*style.map_size(grid))
     axes = fig.subplots()
@@ -72,26 +64,15 @@ def moment_figure(
 ) -> Figure:
     """Draw an episode at one step (Figs. 5 and 6 of the paper); moving obstacles are red and have their numbers.
 
-    Their predicted motions in the next 3 s are drawn if the decision of that step has them.
-
-    Parameters
-    ----------
-    trace : Trace
-    step : int
-        In [0, len(trace)].
-    title : str
-    caption : str or None
-        Text under the picture; None: the decision in words.
-    path : Plan or None
-        The global path, drawn dashed.
-    pheromone : bool
-        Draw the ants' pheromone and the path that was chosen, if the decision of that step has them.
+    Their predicted motions in the next 3 s are drawn if the decision of that step has them, and with `pheromone` the ants'
+    pheromone and the path that was chosen; the global path is drawn dashed. Without a caption the decision is under the picture
+    in words.
     """
     step = checks.integer("step", step, low=0, high=len(trace))
     fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
     axes = fig.subplots()
     _draw_moment(axes, trace, step, path, pheromone)
-    decision = decision_at(trace, step)
+    decision = trace.decision_at(step)
     axes.set_title(f"{title}  (t = {trace.t[step]:.1f} s)")
     if caption is None and decision is not None:
         caption = f"{decision.action.replace('-', ' ')}: {in_words(decision.reason)}"
@@ -148,12 +129,7 @@ def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | None = None
 def convergence_figure(histories: Mapping[str, NDArray[np.float64]], *, optimum: float | None = None) -> Figure:
     """Draw the best length so far and the cycle's mean length against the cycle, for several colonies.
 
-    Parameters
-    ----------
-    histories : mapping of name to float64[C, 4]
-        For each cycle: best length, mean length (m), share of ants that arrived, pheromone entropy (nats), as in `Decision`.
-    optimum : float or None
-        The shortest length, m, drawn as a line.
+    A history is that of a `Decision`. The shortest length, `optimum` m, is drawn as a line if it is known.
     """
     fig = style.figure(6.4, 5.2)
     lengths, arrived = fig.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
@@ -227,7 +203,7 @@ def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, pheromo
     """Draw an episode at a step; what to draw is as in `moment_figure`, and `labelled` as in `_draw_choice`."""
     task = trace.task
     style.draw_map(axes, task.grid)
-    decision = decision_at(trace, step)
+    decision = trace.decision_at(step)
     if path is not None:
         _draw_global(axes, task.grid, path)
     if pheromone and decision is not None:
@@ -306,7 +282,7 @@ def predicted(trace: Trace, step: int, ahead: float) -> list[tuple[NDArray[np.fl
 
     Each part is the straight motion of a disc: start and end, (x, y) in m, and its radius in m.
     """
-    decision, now = decision_at(trace, step), float(trace.t[step])
+    decision, now = trace.decision_at(step), float(trace.t[step])
     found = []
     for t0, t1, x, y, vx, vy, radius in [] if decision is None or decision.predicted is None else decision.predicted.tolist():
         start, end = max(t0, now), min(t1, now + ahead)

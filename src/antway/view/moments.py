@@ -55,11 +55,6 @@ def moments(trace: Trace) -> tuple[int, int]:
     return before if trace.sensed[before].any() else midst, midst
 
 
-def decision_at(trace: Trace, step: int) -> Decision | None:
-    """Return the decision that is valid at `step`, if any; at the end, that of the last control cycle."""
-    return trace.decision_at(min(step, max(len(trace) - 1, 0)))
-
-
 def _largest_deviation(decision: Decision, nodes: NDArray[np.float64]) -> float:
     """Return the largest distance of the path of a decision from the nearest of these nodes, m."""
     if decision.path is None or not len(nodes):

@@ -16,8 +16,7 @@ from PIL import Image
 from antway.grid import Grid
 from antway.planning import Plan
 from antway.version import __version__
-from antway.view.packing import bits_to_base64, faint_scale, rounded, to_base64
-from antway.view.pages import asset, digest, embedded, filled, png_url
+from antway.view.pages import asset, bits_to_base64, digest, embedded, faint_scale, filled, png_url, rounded, to_base64
 from antway.world.policy import Decision
 from antway.world.stops import Rounds
 from antway.world.trace import Trace

@@ -205,10 +205,7 @@ def kept(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
 def link(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
     """Return the part after the # of an address that opens this scenario; it contains the file and is sent to no server.
 
-    Raises
-    ------
-    TooLarge
-        For a scenario that is too long for browsers.
+    A scenario that is too long for browsers is `TooLarge`.
     """
     data = base64.urlsafe_b64encode(_zipped(scenario)).decode().rstrip("=")
     if len(data) > MAX_LINK:

@@ -146,17 +146,10 @@ def _with_headers(send: Send) -> Send:
 
 
 def make_app(names: frozenset[str], token: str, *, workers: Workers | None = None) -> ASGIApp:
-    """Return the server as an ASGI application.
+    """Return the server as an ASGI application, for Host headers that are in `names` (`names_of`).
 
-    Parameters
-    ----------
-    names : frozenset of str
-        The allowed Host headers (`names_of`).
-    token : str
-        The token that a websocket needs as its second subprotocol, and a request for a page as ?token=... or, later, in a
-        cookie. Even on this machine there may be other users.
-    workers : Workers or None
-        Processes that read files and make exports for the tabs; None: the server does it.
+    A websocket needs the token as its second subprotocol, and a request for a page as ?token=... or, later, in a cookie: even
+    on this machine there may be other users. The workers read files and make exports for the tabs; without any the server does.
     """
     cookie = f"antway-{zlib.crc32(token.encode()):08x}"  # a different name for each server, because cookies ignore ports
     crossings = {
@@ -217,7 +210,8 @@ def make_app(names: frozenset[str], token: str, *, workers: Workers | None = Non
     routes = [Route(path, answer, methods=["GET"]) for path, answer in answers.items()]
     app = Starlette(routes=[*routes, WebSocketRoute("/live", live(Session)), WebSocketRoute("/tours", live(tours.Tours))])
     app.router.redirect_slashes = False
-    return Gate(app, names, turns, {path: _written(answer) for path, answer in fixed.items()})
+    whole = {path: _lines(answer.raw_headers) + b"\r\n" + bytes(answer.body) for path, answer in fixed.items()}
+    return Gate(app, names, turns, whole)
 
 
 def _answer(text: str, name: str) -> Response:
@@ -230,11 +224,6 @@ def _page(title: str, body: str, script: str, choices: Mapping[str, object]) -> 
     """Return a page, made of what all have in common, the file `body`, and the `choices` for its script."""
     parts = {"title": title, "body": asset(body, "antway.web"), "script": script, "choices": embedded(json.dumps(choices))}
     return _answer(filled(asset("shell.html", "antway.web"), parts), body)
-
-
-def _written(answer: Response) -> bytes:
-    """Return an answer as the bytes that are sent."""
-    return _lines(answer.raw_headers) + b"\r\n" + bytes(answer.body)
 
 
 def _lines(headers: Iterable[tuple[bytes, bytes]]) -> bytes:
@@ -369,15 +358,8 @@ def _allow_files() -> None:
 def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], None] = lambda url: None) -> None:
     """Serve the page until interrupted.
 
-    Parameters
-    ----------
-    host : str
-        An address or a name of this machine. Any but a loopback address opens the page to other machines. The token is always
-        needed.
-    port : int
-        0 means any free port.
-    ready : callable
-        Called with the address of the page, which includes the token, once the port is open.
+    The host is an address or a name of this machine; any but a loopback address opens the page to other machines. The token is
+    always needed. Port 0 means any free one. Once it is open, `ready` is called with the page's address, which has the token.
 
     Raises
     ------

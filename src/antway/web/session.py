@@ -20,7 +20,7 @@ from antway.planning import Problem, solve
 from antway.policies.paper.routes import PathsFrom
 from antway.scenes import SCENES, scene
 from antway.tables import NEED_PYRVO
-from antway.view.packing import bits_to_base64
+from antway.view.pages import bits_to_base64
 from antway.view.replay import map_record
 from antway.web.files import EXPORTS, MAX_OBSTACLES, kept, link, scenario_file
 from antway.web.tab import Tab
@@ -84,23 +84,6 @@ class Session(Tab):
         self.position = -1
         self.at = 0  # number of control cycles that are shown
         self._open(_first())
-        self.operations |= {
-            "at": self._at,
-            "ants": self._ants,
-            "reset": self._reset,
-            "policies": self._policies,
-            "scene": self._scene,
-            "open": self._files,
-            "set": self._set,
-            "paint": self._paint,
-            "move": self._move,
-            "drop": self._drop,
-            "stop": self._stop,
-            "remove": self._remove,
-            "undo": lambda message: self._go(-1),
-            "redo": lambda message: self._go(1),
-            "export": self._export,
-        }
 
     @property
     def scenario(self) -> Scenario:
@@ -198,6 +181,12 @@ class Session(Tab):
         self.position = len(self.history) - 1
         return [self.describe()]
 
+    def do_undo(self, message: Message) -> list[Message]:
+        return self._go(-1)
+
+    def do_redo(self, message: Message) -> list[Message]:
+        return self._go(1)
+
     def _go(self, steps: int) -> list[Message]:
         position = self.position + steps
         if not 0 <= position < len(self.history):
@@ -206,7 +195,7 @@ class Session(Tab):
         self.position = position
         return [self.describe()]
 
-    def _at(self, message: Message) -> list[Message]:
+    def do_at(self, message: Message) -> list[Message]:
         """Show an earlier moment of the run, or the latest."""
         step = checks.integer("step", message.get("step"), low=0, high=self.steps)
         self.playing, self.at = False, step
@@ -214,7 +203,7 @@ class Session(Tab):
             view.look, view.idle = None, ""
         return []
 
-    def _ants(self, message: Message) -> list[Message]:
+    def do_ants(self, message: Message) -> list[Message]:
         """Run one more ant cycle in the control cycle; if no ants take part in it, play it and say why."""
         self.playing, self.at = False, self.steps
         looked = [view.look_inside() for view in self.views]
@@ -225,12 +214,12 @@ class Session(Tab):
                 view.idle = why
         return []
 
-    def _reset(self, message: Message) -> list[Message]:
+    def do_reset(self, message: Message) -> list[Message]:
         self.playing = False
         self._set_up(self.scenario, self.policies)
         return [self.describe()]
 
-    def _policies(self, message: Message) -> list[Message]:
+    def do_policies(self, message: Message) -> list[Message]:
         names = message.get("names")
         if not isinstance(names, list) or not 1 <= len(names) <= 2:
             raise BadParameter("names", names, "one or two names of policies")
@@ -239,16 +228,16 @@ class Session(Tab):
         self.policies = policies
         return [self.describe()]
 
-    def _scene(self, message: Message) -> list[Message]:
+    def do_scene(self, message: Message) -> list[Message]:
         self.playing = False
         return self._open(load_scenario(scene(message.get("name"))))  # type: ignore[arg-type]
 
-    def _files(self, message: Message) -> list[Message]:
+    def do_open(self, message: Message) -> list[Message]:
         scenario: Scenario = self.work("upload", message.get("files"))
         self.playing = False
         return self._open(scenario)
 
-    def _set(self, message: Message) -> list[Message]:
+    def do_set(self, message: Message) -> list[Message]:
         name = checks.choice("field", message.get("field"), [p.field for p in PARAMETERS])
         known = next(p for p in PARAMETERS if p.field == name)
         value: float
@@ -258,7 +247,7 @@ class Session(Tab):
             value = checks.number(name, message.get("value"), low=known.low, high=known.high, unit=known.unit)
         return self._open(_put(self.scenario, name, value))
 
-    def _paint(self, message: Message) -> list[Message]:
+    def do_paint(self, message: Message) -> list[Message]:
         blocked = checks.instance("blocked", message.get("blocked"), bool)
         cells = checks.array("cells", message.get("cells"), (None, 2))
         grid = self.scenario.world.grid
@@ -273,11 +262,11 @@ class Session(Tab):
             unknown[rows, cols] = False
         return self._change(world=World(replace(grid, blocked=walls, unknown=unknown), self.scenario.world.obstacles))
 
-    def _move(self, message: Message) -> list[Message]:
+    def do_move(self, message: Message) -> list[Message]:
         end = checks.choice("end", message.get("end"), ("start", "goal"))
         return self._change(**{end: checks.point("xy", message.get("xy"))})
 
-    def _drop(self, message: Message) -> list[Message]:
+    def do_drop(self, message: Message) -> list[Message]:
         world, limit = self.scenario.world, self.scenario.obstacle_speed
         radius = checks.number("radius", message.get("radius"), low=0.05, high=5.0, unit="m")
         motion: Line | Bounce | Waypoints
@@ -296,7 +285,7 @@ class Session(Tab):
                 raise BadParameter("xy", tuple(place), "where the map is free")
         return self._change(world=World(world.grid, (*world.obstacles, Obstacle(radius, motion))))
 
-    def _stop(self, message: Message) -> list[Message]:
+    def do_stop(self, message: Message) -> list[Message]:
         """Add a stop at a point, or remove the one there; a stop can be added to rounds in progress."""
         x, y = checks.point("xy", message.get("xy"))
         near = max(self.scenario.goal_tolerance, self.scenario.world.grid.resolution)
@@ -315,7 +304,7 @@ class Session(Tab):
         self.at = self.steps
         return self._remember(scenario)
 
-    def _remove(self, message: Message) -> list[Message]:
+    def do_remove(self, message: Message) -> list[Message]:
         world = self.scenario.world
         k = checks.integer("obstacle", message.get("obstacle"), low=0, high=len(world.obstacles) - 1)
         return self._change(world=World(world.grid, world.obstacles[:k] + world.obstacles[k + 1 :]))
@@ -323,7 +312,7 @@ class Session(Tab):
     def _change(self, **changes: Any) -> list[Message]:
         return self._open(replace(self.scenario, **changes))
 
-    def _export(self, message: Message) -> list[Message]:
+    def do_export(self, message: Message) -> list[Message]:
         """Return a file of an episode, played to its end on a copy; or the scenario, as a file or a link."""
         what = checks.choice("what", message.get("what"), ("scenario", "link", "keep", *EXPORTS))
         if what == "scenario":

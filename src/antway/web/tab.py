@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 from antway import checks
@@ -16,32 +15,15 @@ from antway.web.workers import SECONDS, WORK, Workers
 class Tab(ABC):
     """A run that can be played, stepped and paused.
 
-    Attributes
-    ----------
-    SPEEDS : tuple of float
-        Allowed values of `speed`.
-    playing : bool
-    speed : float
-        Speed of play.
-    closed : threading.Event
-        Set when the tab is closed, so that long work ends.
-    workers : Workers or None
-        Processes that read files and make exports; None: this process does it.
-    operations : dict of str to callable
-        The requests of the page: each takes a message and returns the messages to send back.
+    A method do_X carries out the requests of the page with `op` X: it takes a message and returns the messages to send back.
     """
 
-    SPEEDS: ClassVar[tuple[float, ...]]
+    SPEEDS: ClassVar[tuple[float, ...]]  # allowed speeds of play
 
     def __init__(self, speed: float) -> None:
-        self.closed = threading.Event()
-        self.workers: Workers | None = None  # processes from the server for work that must not affect others
+        self.closed = threading.Event()  # set when the tab is closed, so that long work ends
+        self.workers: Workers | None = None  # which read files and make exports; None: this process does it
         self.playing, self.speed = False, speed
-        self.operations: dict[str, Callable[[Message], list[Message]]] = {
-            "play": self._play,
-            "step": self._step,
-            "speed": self._speed,
-        }
 
     @property
     @abstractmethod
@@ -74,25 +56,27 @@ class Tab(ABC):
     def apply(self, message: object) -> list[Message]:
         """Carry out the request in `message` and return the messages to send; a frame follows in any case.
 
-        Raises
-        ------
-        BadInput
-            For invalid messages, which change nothing.
+        Invalid messages raise a `BadInput` and change nothing.
         """
         if not isinstance(message, dict):
             raise BadParameter("message", message, "a JSON object")
-        return self.operations[checks.choice("op", message.get("op"), self.operations)](message)
+        do = getattr(self, f"do_{message.get('op')}", None)
+        if do is None:
+            allowed = ", ".join(name.removeprefix("do_") for name in dir(self) if name.startswith("do_"))
+            raise BadParameter("op", message.get("op"), f"one of {allowed}")
+        replies: list[Message] = do(message)
+        return replies
 
-    def _play(self, message: Message) -> list[Message]:
+    def do_play(self, message: Message) -> list[Message]:
         self.playing = checks.instance("on", message.get("on"), bool) and not self.ended
         return []
 
-    def _step(self, message: Message) -> list[Message]:
+    def do_step(self, message: Message) -> list[Message]:
         self.playing = False
         self.advance()
         return []
 
-    def _speed(self, message: Message) -> list[Message]:
+    def do_speed(self, message: Message) -> list[Message]:
         speed = checks.number("speed", message.get("speed"))
         if speed not in self.SPEEDS:
             raise BadParameter("speed", speed, f"one of {', '.join(f'{s:g}' for s in self.SPEEDS)}")

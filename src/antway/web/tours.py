@@ -16,7 +16,7 @@ from antway.ants.tsp import default_ants, default_candidates, local_search_optio
 from antway.ants.tsplib import Tsp
 from antway.errors import BadParameter, TooLarge
 from antway.limits import MAX_PAGE_SEED
-from antway.view.packing import to_base64
+from antway.view.pages import to_base64
 from antway.web.files import as_file, decoded, stem
 from antway.web.tab import Tab
 from antway.web.view import Message, short, short_rows
@@ -69,14 +69,6 @@ class Tours(Tab):
             "seed": 0,
         }
         self._restart(INSTANCES["scattered"](), self.settings)
-        self.operations |= {
-            "reset": lambda message: self._restart(self.instance, self.settings),
-            "city": self._city,
-            "instance": self._instance,
-            "open": self._open,
-            "set": self._set,
-            "export": self._export,
-        }
 
     @property
     def period(self) -> float:
@@ -173,11 +165,14 @@ class Tours(Tab):
         self.curve: list[tuple[float, float, float]] = []
         return [self.describe()]
 
-    def _instance(self, message: Message) -> list[Message]:
+    def do_reset(self, message: Message) -> list[Message]:
+        return self._restart(self.instance, self.settings)
+
+    def do_instance(self, message: Message) -> list[Message]:
         name = checks.choice("name", message.get("name"), INSTANCES)
         return self._restart(INSTANCES[name](), self.settings, _SQUARE)
 
-    def _open(self, message: Message) -> list[Message]:
+    def do_open(self, message: Message) -> list[Message]:
         contents = decoded(message.get("files"))
         for name, data in contents.items():
             if name.lower().endswith((".tsp", ".txt")):
@@ -185,7 +180,7 @@ class Tours(Tab):
                 return self._restart(instance, self.settings, _around(instance))
         raise BadParameter("files", list(contents), "a TSPLIB file .tsp")
 
-    def _city(self, message: Message) -> list[Message]:
+    def do_city(self, message: Message) -> list[Message]:
         """Add a city at a point, or remove the one there; x and y are shares of the map's longer side."""
         x, y = checks.point("xy", message.get("xy"))
         near = checks.number("near", message.get("near"), low=0.0, high=0.1)
@@ -201,7 +196,7 @@ class Tours(Tab):
             raise BadParameter("cities", len(changed), f"{MIN_CITIES} or more")
         return self._restart(Tsp(changed, metric=self.instance.metric, name=self.instance.name), self.settings)
 
-    def _set(self, message: Message) -> list[Message]:
+    def do_set(self, message: Message) -> list[Message]:
         value = message.get("value")
         field = checks.choice("field", message.get("field"), self.settings)
         if field == "ants":
@@ -212,7 +207,7 @@ class Tours(Tab):
             value = checks.choice(field, value, {"rule": RULES, "search": SEARCHES, "persistence": PERSISTENCES}[field])
         return self._restart(self.instance, {**self.settings, field: value})
 
-    def _export(self, message: Message) -> list[Message]:
+    def do_export(self, message: Message) -> list[Message]:
         """Return the best tour as a file of TSPLIB's TOUR type."""
         checks.choice("what", message.get("what"), ("tour",))
         name, best = stem(self.instance.name), self.colony.best

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.policies.paper.tubes import Tubes
-from antway.view.packing import faint_scale, rounded, to_base64
+from antway.view.pages import faint_scale, rounded, to_base64
 from antway.world.ants import ShowsAnts
 from antway.world.episode import Episode
-from antway.world.policy import Command, Decision, Observation, Policy, Task
+from antway.world.policy import Decision, Observation, Policy
 from antway.world.scenario import Scenario
 
 Message = dict[str, Any]
@@ -29,24 +29,6 @@ _KNOTS = 300  # limit of knots of a planned path in a frame
 MAX_SEEN = 1000  # limit of moments for which observations are kept
 _COLUMNS = 7  # see `_packed`
 _ROWS = 300  # limit of new rows of the driven path in a frame
-
-
-class Watched:
-    """A policy, and its last observation."""
-
-    def __init__(self, policy: Policy) -> None:
-        self.policy = policy
-        self.seen: Observation | None = None
-
-    def reset(self, task: Task, seed: int) -> None:
-        self.policy.reset(task, seed)
-
-    def act(self, observation: Observation) -> Command:
-        self.seen = observation
-        return self.policy.act(observation)
-
-    def explain(self) -> Decision:
-        return self.policy.explain()
 
 
 def _packed(seen: Observation | None) -> bytes:
@@ -88,13 +70,9 @@ class View:
     def __init__(self, scenario: Scenario, policy: str) -> None:
         self.episode = Episode(scenario, policy)
         tour = self.episode.tour
-        self.watched = Watched(self.episode.policy if tour is None else tour.policy)
-        if tour is None:
-            self.episode.policy = self.watched
-        else:
-            tour.policy = self.watched
-        if isinstance(self.watched.policy, ShowsAnts):  # own memory would take megabytes for each tab
-            self.watched.policy.use_common_memory()
+        self.policy = self.episode.policy if tour is None else tour.policy
+        if isinstance(self.policy, ShowsAnts):  # own memory would take megabytes for each tab
+            self.policy.use_common_memory()
         self.sent = 0  # number of rows of the record that were sent
         self.decision: Decision | None = None
         self.look: Look | None = None  # a look inside the next cycle
@@ -118,21 +96,21 @@ class View:
     def _moment(self) -> Moment:
         tour, clearance = self.episode.tour, self.episode.stage.clearance
         if tour is None:
-            return Moment(_packed(self.watched.seen), clearance, (), ())
+            return Moment(_packed(self.episode.seen), clearance, (), ())
         rounds = tour.rounds
         visited = tuple((visit.stop, rounds.lateness(visit) > 0) for visit in rounds.visits)
-        return Moment(_packed(self.watched.seen), clearance, visited, tuple(tour.order))
+        return Moment(_packed(self.episode.seen), clearance, visited, tuple(tour.order))
 
     def look_inside(self) -> bool:
         """Run one more ant cycle of the next control cycle on a copy; tell whether there was one."""
         if self.episode.outcome is not None or (self.look is not None and self.look.done):
             return False
-        if not isinstance(self.watched.policy, ShowsAnts):
+        if not isinstance(self.policy, ShowsAnts):
             self.idle = "This policy has no ants."
             return False
         cycles = 1 if self.look is None else self.look.cycles + 1
         shared = (self.episode.scenario, self.episode.stage.task, self.episode.stage.timeline)  # constant: they need no copies
-        trial, ants = copy.deepcopy((self.episode, self.watched.policy), {id(thing): thing for thing in shared})
+        trial, ants = copy.deepcopy((self.episode, self.policy), {id(thing): thing for thing in shared})
         step = ants.step_ants(cycles, trial.step)
         self.look, self.idle = (None, step.idle) if step.idle else (Look(cycles, step.done, step.decision, ants), "")
         return self.look is not None
@@ -174,7 +152,7 @@ class View:
         decision = look.decision if look is not None else episode.decisions[made - 1][1] if made else None
         if decision is not self.decision:
             self.decision = decision
-            policy = self.watched.policy if look is None else look.policy
+            policy = self.policy if look is None else look.policy
             record["decision"] = None if decision is None else _decision(decision, views)
             laid = latest and decision is not None and decision.pheromone is not None  # earlier trails are not kept
             record["trails"] = short_rows(edges(policy, _EDGES // views)) if laid else []

@@ -10,8 +10,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
@@ -71,12 +71,9 @@ class Workers:
         self.idle: list[Worker] = []
 
     def run(self, work: str, *given: object, seconds: float = SECONDS, closed: threading.Event | None = None) -> Any:
-        """Return what WORK[work](*given) returns in another process.
+        """Return what WORK[work](*given) returns in another process, or raise the `BadInput` that it raises.
 
-        Raises
-        ------
-        BadInput
-            As raised by the task; also if its process ends, or has to be ended.
+        There is a `BadInput` also if the process ends, or has to be ended.
         """
         with self.turns:
             with self.lock:
@@ -118,9 +115,8 @@ def _end(worker: Worker) -> None:
     worker.pipe.close()
 
 
-@contextmanager
-def _sent(worker: Worker, request: object) -> Iterator[None]:
-    """Send a request meanwhile. A process that does not take it up, because it hangs, is ended if its answer is not awaited."""
+def _asked(worker: Worker, request: object, until: float, closed: threading.Event | None) -> object:
+    """Send a request and return the answer, or raise a `BadParameter` if none comes in time."""
 
     def send() -> None:
         with suppress(OSError):
@@ -129,27 +125,20 @@ def _sent(worker: Worker, request: object) -> Iterator[None]:
     sender = threading.Thread(target=send, daemon=True)
     sender.start()
     try:
-        yield
+        while not worker.pipe.poll(0.1):
+            if closed is not None and closed.is_set():
+                raise BadParameter("request", "of a tab that is closed", "one of an open tab")
+            if time.monotonic() > until:
+                raise BadParameter("request", "took too long", "done in time; its process was ended")
+        return worker.pipe.recv()
+    except (EOFError, OSError):
+        status = worker.process.wait()
+        raise BadParameter("request", f"its process ended with status {status}", "of files that can be worked on") from None
     except BaseException:
-        worker.process.kill()
+        worker.process.kill()  # or a process that hangs would never take the request up, which the sender waits for
         raise
     finally:
         sender.join()
-
-
-def _asked(worker: Worker, request: object, until: float, closed: threading.Event | None) -> object:
-    """Send a request and return the answer, or raise a `BadParameter` if none comes in time."""
-    with _sent(worker, request):
-        try:
-            while not worker.pipe.poll(0.1):
-                if closed is not None and closed.is_set():
-                    raise BadParameter("request", "of a tab that is closed", "one of an open tab")
-                if time.monotonic() > until:
-                    raise BadParameter("request", "took too long", "done in time; its process was ended")
-            return worker.pipe.recv()
-        except (EOFError, OSError):
-            status = worker.process.wait()
-            raise BadParameter("request", f"its process ended with status {status}", "of files that can be worked on") from None
 
 
 def serve() -> None:

@@ -22,19 +22,10 @@ class LaidTrails(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AntStep:
-    """The work of a policy's ants in one control cycle.
+    """The work of a policy's ants in one control cycle."""
 
-    Attributes
-    ----------
-    idle : str
-        Why no ants took part; empty if they did.
-    done : bool
-        Whether the ants finished by themselves, so that more ant cycles would not change the decision.
-    decision : Decision
-    """
-
-    idle: str
-    done: bool
+    idle: str  # why no ants took part; empty if they did
+    done: bool  # whether the ants finished by themselves, so that more ant cycles would not change the decision
     decision: Decision
 
 

@@ -23,7 +23,7 @@ from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import Scenario
 from antway.world.stage import Stage
 from antway.world.stops import Rounds
-from antway.world.stopwatch import Stopwatch
+from antway.world.stopwatch import stopwatch
 from antway.world.trace import Outcome as Outcome
 from antway.world.trace import Trace
 
@@ -156,18 +156,9 @@ def run(
 class Episode:
     """An episode played one control cycle at a time; arguments and errors are those of `run`.
 
-    Attributes
-    ----------
-    scenario : Scenario
-    policy : Policy
-    outcome : Outcome or None
-        None while the episode continues.
-    reason : str
-        One sentence about the outcome.
-    decisions : list of (step, Decision)
-        As in `Trace`; empty without a record, if the policy need not explain.
-    stage : Stage
-        The record: arrays as in `Trace`, filled up to row `steps`.
+    While it continues, `outcome` is None; `reason` is one sentence about it. The record is in `stage`, whose arrays are as in
+    `Trace` and filled up to row `steps`, and in `decisions`, also as in `Trace`; these are empty without a record if the policy
+    need not explain. `seen` is what the policy was shown last.
 
     Examples
     --------
@@ -203,6 +194,7 @@ class Episode:
         self.decisions: list[tuple[int, Decision]] = []
         self.plans: list[TimedPath] = []  # the successive planned motions
         self.outcome: Outcome | None = None
+        self.seen: Observation | None = None
         self.reason = self._fault = ""
         if self.tour is None and math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
             self.outcome, self.reason = Outcome.REACHED, "the start is at the goal"
@@ -248,11 +240,11 @@ class Episode:
 
     def _commanded(self, observation: Observation) -> Command | None:
         """Return the command of the policy, and record its time, which does not include explanations."""
-        watch = Stopwatch()
+        self.seen, taken = observation, stopwatch()
         try:
             command = self.policy.act(observation)
         finally:
-            self.stage.cycle_ms[self.stage.n] = watch.ms()
+            self.stage.cycle_ms[self.stage.n] = taken()
         return _checked_command(command)
 
     def _planned(self) -> TimedPath | None:

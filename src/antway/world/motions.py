@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,21 +215,12 @@ class Pursue:
         _points(self, "start")
         _spans(self, speed="m/s", gap="m", delay="s", follow_time="s")
 
-    def drawn(self, draw: Draw) -> Pursuer:
-        """Return the motion with the spans drawn for an episode."""
-        return Pursuer(draw.of(self.speed), draw.of(self.gap), draw.of(self.delay), draw.of(self.follow_time))
+    def drawn(self, draw: Draw) -> tuple[float, float, float, float]:
+        """Return speed, gap, delay and time of following, drawn for an episode."""
+        return draw.of(self.speed), draw.of(self.gap), draw.of(self.delay), draw.of(self.follow_time)
 
     def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         return _standing(self.start)
-
-
-class Pursuer(NamedTuple):
-    """The spans of `Pursue`, drawn."""
-
-    speed: float
-    gap: float
-    delay: float
-    follow_time: float
 
 
 MOTIONS: dict[str, type[Line | BackAndForth | Waypoints | Bounce | RandomWalk | Replay | Pursue]] = {

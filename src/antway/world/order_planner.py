@@ -52,19 +52,8 @@ class OrderOutlook(NamedTuple):
 class OrderPlanner:
     """Finds the order in which a robot visits its stops on the way to its goal.
 
-    Parameters
-    ----------
-    task : Task
-    stops : list of Stop
-        More stops may be appended; then `measure` has to be called.
-    seed : int
-
-    Attributes
-    ----------
-    inflated : Grid
-        The map, inflated by the robot's radius.
-    present : Grid
-        The same with the obstacles that stand on it now; set by the owner.
+    More stops may be appended to the list; then `measure` has to be called. The map `inflated` is so by the robot's radius;
+    `present` is the same with the obstacles that stand on it now, set by the owner.
     """
 
     def __init__(self, task: Task, stops: list[Stop], seed: int) -> None:

@@ -15,12 +15,9 @@ from antway.world.world import World
 
 
 class Pursuit:
-    """The pursuers of one episode.
+    """The pursuers of one episode, in a timeline of all obstacles.
 
-    Attributes
-    ----------
-    timeline : Timeline
-        Of all obstacles. The trajectory of a pursuer is known up to the end of the present control period; then it stands.
+    The trajectory of a pursuer is known up to the end of the present control period; then it stands.
     """
 
     def __init__(self, world: World, task: Task, seed: int, horizon: float, steps: int) -> None:
@@ -44,15 +41,15 @@ class Pursuit:
     def extend(self, i: int, robot: XY) -> None:
         """Extend the trajectories by control period i, at the start of which the robot is at `robot` (m)."""
         t, dt = i * self.task.robot.dt, self.task.robot.dt
-        for k, radius, pursuer in self.pursuers:
+        for k, radius, (speed, gap, delay, follow_time) in self.pursuers:
             knots = self.xy[self.timeline.first[k] : self.timeline.first[k + 1]]
-            if not pursuer.delay <= t < pursuer.delay + pursuer.follow_time or i + 1 == len(knots):
+            if not delay <= t < delay + follow_time or i + 1 == len(knots):
                 continue
             x, y = knots[i].tolist()
             away = math.dist((x, y), robot)
-            gap = away - radius - self.task.robot.radius - pursuer.gap
-            if gap > 0.0:
-                share = min(pursuer.speed * dt, gap) / away
+            left = away - radius - self.task.robot.radius - gap
+            if left > 0.0:
+                share = min(speed * dt, left) / away
                 knots[i + 1 :] = _slide(self.task.grid, radius, (x, y), robot, share)
 
 

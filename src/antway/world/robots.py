@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from os.path import isfile
 from pathlib import Path
 from typing import Any
@@ -282,17 +282,32 @@ def load_robot(name: str | Path) -> RobotSpec:
     path = Path(name) if isinstance(name, (str, Path)) else None
     if path is None or path.suffix != ".toml" or not isfile(path):
         raise BadParameter("robot", str(name), f"one of {', '.join(ROBOTS)}, or the name of a .toml file that exists")
-    where = str(path)
     record = read_toml_file(path, _MAX_BYTES, "robot")
-    record = record.get("robot", record)
-    known = [f.name for f in fields(RobotSpec)]
-    for key, value in record.items() if isinstance(record, dict) else [("robot", record)]:
-        if key not in known:
-            raise BadScenario(f"robot.{key}", value, f"left out; the keys are {', '.join(known)}", where=where)
+    spec: RobotSpec = from_table("robot", RobotSpec, record.get("robot", record), str(path))
+    return spec
+
+
+def from_table(name: str, kind: type, record: object, where: str) -> Any:
+    """Make a `kind` of the table `record` of a file; what its own checks refuse is named after the table."""
+    if not isinstance(record, dict):
+        raise BadScenario(name, record, "a table", where=where)
+    known = [f for f in fields(kind) if f.init]
+    check_keys(record, name, tuple(f.name for f in known), tuple(f.name for f in known if f.default is MISSING), where)
     try:
-        return RobotSpec(**record)
+        return kind(**record)
     except BadInput as error:
-        raise error.at(where) from None
+        raise error.at(where, f"{name}.{error.field.removeprefix(f'{name}.')}") from None
+
+
+def check_keys(record: dict[str, Any], name: str, allowed: tuple[str, ...], needed: tuple[str, ...], where: str) -> None:
+    """Raise `BadScenario` for a key of a table that is not allowed, and for one that is needed and missing."""
+    dot = f"{name}." if name else ""
+    for key in record:
+        if key not in allowed:
+            raise BadScenario(f"{dot}{key}", record[key], f"left out; the keys are {', '.join(allowed)}", where=where)
+    for key in needed:
+        if key not in record:
+            raise BadScenario(f"{dot}{key}", None, "given", where=where)
 
 
 def towards(velocity: tuple[float, float], heading: float, robot: RobotSpec) -> tuple[float, float]:
@@ -311,15 +326,9 @@ def towards(velocity: tuple[float, float], heading: float, robot: RobotSpec) -> 
 def body_gap(
     robot: RobotSpec, xy: NDArray[np.float64], heading: NDArray[np.float64], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the distance of points from the edge of a robot's body, m; below 0 inside.
+    """Return the distance of points, float64[..., 2] in m, from the edge of a robot's body, m; below 0 inside.
 
-    Parameters
-    ----------
-    robot : RobotSpec
-    xy, heading : float64[..., 2], float64[...]
-        Place (m) and heading (rad) of the robot for each point.
-    points : float64[..., 2]
-        m.
+    For each point, the robot is at a place of `xy`, float64[..., 2] in m, with a heading in rad, float64[...].
     """
     away = points - xy
     if robot.footprint is None:

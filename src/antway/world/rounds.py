@@ -13,7 +13,7 @@ from antway.world.order_planner import OrderOutlook, OrderPlanner
 from antway.world.policy import XY, Command, Decision, Observation, Policy, Task, as_policy
 from antway.world.standing import StandingObstacles
 from antway.world.stops import Rounds, Stop, Turn, Visit
-from antway.world.stopwatch import Stopwatch
+from antway.world.stopwatch import stopwatch
 
 STAY = 1.0  # s; the robot should arrive at a stop when it can stand there for this time
 REVIEW = 1.0  # s; period at which the order is reviewed
@@ -37,28 +37,13 @@ class RoundsPolicy:
     it or makes it longer; and when a stop is added. The robot takes another order only if that avoids lateness, is 0.5 s less
     late or ends 3 s earlier. For up to 13 stops a dynamic program finds the order; for more the colony continues from its last
     answer.
-
-    Parameters
-    ----------
-    policy : Policy
-        Drives the robot.
-    stops : sequence of Stop
-
-    Attributes
-    ----------
-    homeward : bool
-        Whether all stops have been visited and the robot is on its way to the goal.
-    order : list of int
-        The remaining stops, in the order in which they will be visited.
-    order_ms : list of float
-        Time of each decision on the order, ms.
     """
 
     def __init__(self, policy: Policy, stops: Sequence[Stop]) -> None:
         self.policy = as_policy(policy)
         self.stops = [checks.instance(f"stops[{k}]", stop, Stop) for k, stop in enumerate(stops)]
-        self.order_ms: list[float] = []
-        self.homeward = False
+        self.order_ms: list[float] = []  # time of each decision on the order, ms
+        self.homeward = False  # whether all stops have been visited and the robot is on its way to the goal
 
     @property
     def rounds(self) -> Rounds:
@@ -74,7 +59,7 @@ class RoundsPolicy:
         self.walls: frozenset[int] = frozenset()  # ids of the obstacles that count as walls since the last review
         self.reviewed = 0.0  # s; time of the last review
         self.remaining = list(range(len(self.stops)))
-        self.order: list[int] = []
+        self.order: list[int] = []  # the remaining stops, in the order in which they will be visited
         self.promised = OrderOutlook(0.0, 0.0)  # of the order, when it was chosen
         self.service: _Service | None = None
         self.visits: list[Visit] = []
@@ -202,10 +187,10 @@ class RoundsPolicy:
 
     def _decide(self, reason: str) -> None:
         """Search for the best order of the remaining stops, and take it if it is clearly better."""
-        watch = Stopwatch()
+        taken = stopwatch()
         if self.remaining:
             order, self.promised = self.planner.improve(self.xy, self.now, self.remaining, self.order)
             if order != self.order or not self.turns:
                 self.turns.append(Turn(self.now, tuple(order), reason))
             self.order = order
-        self.order_ms.append(watch.ms())
+        self.order_ms.append(taken())

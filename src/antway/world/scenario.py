@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 import warnings
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import chain
 from os import PathLike
 from os.path import isfile, lexists
@@ -24,12 +24,11 @@ from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
 from antway.world.line_of_sight import check_clear
 from antway.world.motions import MAX_KNOTS, MOTIONS, Replay
-from antway.world.obstructed import refuse_through_walls
 from antway.world.policy import BOUNDS, XY, RobotSpec, Task
-from antway.world.robots import load_robot
+from antway.world.robots import check_keys, from_table, load_robot
 from antway.world.sensor import Sensor
 from antway.world.stops import Stop, checked_stops
-from antway.world.world import MAX_OBSTACLES, Obstacle, World
+from antway.world.world import MAX_OBSTACLES, Obstacle, World, refuse_through_walls
 from antway.writing import writing
 
 MAX_STEPS = 1_000_000
@@ -166,12 +165,12 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
-    _check_keys(record, "", _TOP, ("map", "start", "goal"), where)
+    check_keys(record, "", _TOP, ("map", "start", "goal"), where)
     values = dict(record)
     size = {name: values.pop(name) for name in ("resolution", "occupied") if name in values}
     grid = load_map(_file_below(values["map"], "map", folder, where), **size).turned()
     robot = _robot(values.pop("robot", {}), where)
-    sensor = _build("sensor", Sensor, values.pop("sensor", {}), where)
+    sensor = from_table("sensor", Sensor, values.pop("sensor", {}), where)
     listed = values.pop("obstacles", [])
     if not isinstance(listed, list):
         raise BadScenario("obstacles", listed, "a list of tables [[obstacles]]", where=where)
@@ -181,7 +180,7 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
     visits = values.pop("stops", [])
     if not isinstance(visits, list):
         raise BadScenario("stops", visits, "a list of tables [[stops]]", where=where)
-    stops = tuple(_build(f"stops[{k}]", Stop, one, where) for k, one in enumerate(visits))
+    stops = tuple(from_table(f"stops[{k}]", Stop, one, where) for k, one in enumerate(visits))
     try:
         return Scenario(world=World(grid, obstacles), robot=robot, sensor=sensor, stops=stops, **values)
     except BadInput as error:
@@ -197,7 +196,7 @@ def _robot(value: object, where: str) -> RobotSpec:
             raise error.at(where) from None
     if isinstance(value, dict) and "footprint" in value and "radius" in value:
         raise BadScenario("robot.footprint", value["footprint"], "left out where robot.radius is given", where=where)
-    spec: RobotSpec = _build("robot", RobotSpec, value, where)
+    spec: RobotSpec = from_table("robot", RobotSpec, value, where)
     return spec
 
 
@@ -205,19 +204,17 @@ def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
     if not isinstance(record, dict):
         raise BadScenario(name, record, "a table", where=where)
     values = dict(record)
-    for key in ("radius", "motion"):
-        if key not in values:
-            raise BadScenario(f"{name}.{key}", None, "given", where=where)
+    check_keys(values, name, tuple(values), ("radius", "motion"), where)
     radius = checks.number(f"{name}.radius", values.pop("radius"), low=0, open_low=True, unit="m", where=where)
     kind = MOTIONS[checks.choice(f"{name}.motion", values.pop("motion"), MOTIONS, where=where)]
     if kind is Replay and "file" in values:
-        _check_keys(values, name, ("file",), (), where)
+        check_keys(values, name, ("file",), (), where)
         file = _file_below(values["file"], f"{name}.file", folder, where)
         table = _read_csv(file, f"{name}.file", where)
         if table.ndim != 2 or table.shape[1] != 3:
             raise BadScenario(f"{name}.file", table.shape, "CSV lines t,x,y in s and m", where=where)
         values = {"t": table[:, 0], "points": table[:, 1:]}
-    return Obstacle(radius, _build(name, kind, values, where))
+    return Obstacle(radius, from_table(name, kind, values, where))
 
 
 def _read_csv(file: Path, name: str, where: str) -> NDArray[np.float64]:
@@ -231,28 +228,6 @@ def _read_csv(file: Path, name: str, where: str) -> NDArray[np.float64]:
             return np.loadtxt(rows, delimiter=",", ndmin=2, max_rows=MAX_KNOTS)
         except ValueError as error:
             raise BadScenario(name, str(error), "CSV lines t,x,y in s and m", where=where) from None
-
-
-def _build(name: str, kind: type, record: object, where: str) -> Any:
-    """Make a `kind` of the table `record`; what its own checks refuse is named after the table."""
-    if not isinstance(record, dict):
-        raise BadScenario(name, record, "a table", where=where)
-    known = [f for f in fields(kind) if f.init]
-    _check_keys(record, name, tuple(f.name for f in known), tuple(f.name for f in known if f.default is MISSING), where)
-    try:
-        return kind(**record)
-    except BadInput as error:
-        raise error.at(where, f"{name}.{error.field.removeprefix(f'{name}.')}") from None
-
-
-def _check_keys(record: dict[str, Any], name: str, allowed: tuple[str, ...], needed: tuple[str, ...], where: str) -> None:
-    dot = f"{name}." if name else ""
-    for key in record:
-        if key not in allowed:
-            raise BadScenario(f"{dot}{key}", record[key], f"left out; the keys are {', '.join(allowed)}", where=where)
-    for key in needed:
-        if key not in record:
-            raise BadScenario(f"{dot}{key}", None, "given", where=where)
 
 
 def _file_below(value: object, name: str, folder: Path, where: str) -> Path:

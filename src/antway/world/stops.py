@@ -42,13 +42,7 @@ class Stop:
 
 
 def checked_stops(stops: object, task: Task) -> tuple[Stop, ...]:
-    """Return `stops` if each is on the map, clear of walls and in a cell of its own.
-
-    Raises
-    ------
-    BadParameter, OutOfBounds, CellBlocked, TooLarge
-        Each names the stop.
-    """
+    """Return `stops` if each is on the map, clear of walls and in a cell of its own; an error names the stop that is not."""
     listed = checks.sequence("stops", stops, "a sequence of stops")
     if len(listed) > MAX_STOPS:
         raise TooLarge("stops", len(listed), f"at most {MAX_STOPS}")
@@ -84,20 +78,11 @@ class Turn(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Rounds:
-    """The record of a robot's rounds.
-
-    Attributes
-    ----------
-    stops : tuple of Stop
-    visits : tuple of Visit
-        In the order of time.
-    turns : tuple of Turn
-        The first order, and each one that replaced it.
-    """
+    """The record of a robot's rounds."""
 
     stops: tuple[Stop, ...]
-    visits: tuple[Visit, ...] = ()
-    turns: tuple[Turn, ...] = ()
+    visits: tuple[Visit, ...] = ()  # in the order of time
+    turns: tuple[Turn, ...] = ()  # the first order, and each one that replaced it
 
     def lateness(self, visit: Visit) -> float:
         """Return by how much service started after the window, s."""

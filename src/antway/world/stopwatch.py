@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from antway.kernels.base.jit import compile_seconds
 
 
-class Stopwatch:
-    """Wall time since the watch was made, without the time that this process spent compiling kernels."""
-
-    def __init__(self) -> None:
-        self.compiled, self.started = compile_seconds(), time.perf_counter()
-
-    def ms(self) -> float:
-        """Return the time, ms."""
-        taken = time.perf_counter() - self.started - (compile_seconds() - self.compiled)
-        return max(taken, 0.0) * 1e3
+def stopwatch() -> Callable[[], float]:
+    """Return a function that returns the wall time since now, ms, without the time that this process compiles kernels."""
+    compiled, started = compile_seconds(), time.perf_counter()
+    return lambda: max(time.perf_counter() - started - (compile_seconds() - compiled), 0.0) * 1e3

@@ -24,19 +24,6 @@ class Timeline:
     Disc k has the knots `first[k] <= i < first[k + 1]`. It is at `knot_xy[i]` at time `knot_t[i]`, moves straight at constant
     speed in between, and stands before the first knot and after the last.
 
-    Attributes
-    ----------
-    id : int64[K]
-        Distinct.
-    radius : float64[K]
-        m, > 0.
-    knot_t : float64[M]
-        s, strictly increasing within a disc.
-    knot_xy : float64[M, 2]
-        m.
-    first : int64[K + 1]
-        first[0] = 0, first[K] = M; each disc has at least one knot.
-
     Raises
     ------
     BadScenario
@@ -49,10 +36,11 @@ class Timeline:
     [[1.0, 0.0]]
     """
 
-    id: NDArray[np.int64]
-    radius: NDArray[np.float64]
-    knot_t: NDArray[np.float64]
-    knot_xy: NDArray[np.float64]
+    id: NDArray[np.int64]  # [K] distinct
+    radius: NDArray[np.float64]  # [K] m, > 0
+    knot_t: NDArray[np.float64]  # [M] s, strictly increasing within a disc
+    knot_xy: NDArray[np.float64]  # [M, 2] m
+    # [K + 1] first[0] = 0, first[K] = M; each disc has at least one knot
     first: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
 
     def __post_init__(self) -> None:

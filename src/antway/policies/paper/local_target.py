@@ -25,22 +25,9 @@ def local_target(
     It is the first node past the conflict that the robot can reach after the obstacle has cleared it, outside every tube;
     else the farthest node in sensing range with free line of sight; else the last one ("a suitable node in the shortest path").
 
-    Parameters
-    ----------
-    route : float64[N, 2]
-        Nodes that the robot has yet to drive to, m.
-    taken : bool[N]
-        Whether the node is in a predicted tube when the robot can be there.
-    on_path : bool[N]
-        Which of them are on the global path, at least one; nodes of an earlier detour cannot be targets.
-    beyond : float
-        Distance along them to the conflict, m.
-    xy : (x, y)
-        The robot's position, m.
-    sensing_range : float
-        Sensing range, m.
-    sight : function of (x, y)
-        Whether the robot has a free line of sight to the point.
+    The robot at `xy` has yet to drive to the nodes `route`, m, and meets an obstacle `beyond` m along them. `taken` tells which
+    are in a predicted tube when the robot can be there, and `on_path` which are on the global path, at least one; nodes of an
+    earlier detour cannot be targets. `sight` tells whether the robot has a free line of sight to a place.
     """
     along = np.cumsum(np.hypot(*np.diff(np.vstack((xy, route)), axis=0).T))
     past = np.flatnonzero((along > beyond) & ~taken & on_path)

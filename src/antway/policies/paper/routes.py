@@ -49,13 +49,7 @@ class PathsFrom:
 
 
 class Routes:
-    """The static side of a task.
-
-    Attributes
-    ----------
-    inflated : Grid
-        The map inflated by `diagonal_radius`.
-    """
+    """The static side of a task; its map is inflated by `diagonal_radius`."""
 
     def __init__(self, task: Task) -> None:
         self.task = task

@@ -21,16 +21,9 @@ _KNOTS = 64  # limit of knots of a predicted trajectory; after the last one the 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tubes:
-    """Predicted trajectories of K discs at constant velocity, mirrored at walls.
+    """Predicted trajectories of K discs at constant velocity, mirrored at walls."""
 
-    Attributes
-    ----------
-    t : float
-        Time of the prediction, s.
-    trajectories : Trajectories
-    """
-
-    t: float
+    t: float  # s; time of the prediction
     trajectories: Trajectories
 
     @staticmethod
