@@ -25,7 +25,34 @@ Key = tuple[str, str, str, int, str]  # suite, episode, policy, seed, version
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The result of one episode under one policy; missing numbers are NaN. The first five fields are the key."""
+    """The result of one episode under one policy; missing numbers are NaN.
+
+    Attributes
+    ----------
+    suite, episode, policy : str
+    seed : int
+    version : str
+        Version of antway. These five are the key.
+    group : str
+        Kind of episode; statistics are made for each group.
+    outcome, reason : str
+        Value of `Outcome`, and a sentence that explains it.
+    time, length : float
+        s, m.
+    clearance : float
+        Smallest distance to a moving obstacle, m; infinite if there are none.
+    discomfort : float
+        Time spent nearer than 0.2 m to an obstacle, s.
+    side_changes, replans, waits : int
+        Changes of the side on which an obstacle is passed, changes of plan, and stops.
+    jerk : float
+        Root mean square, m/s^3.
+    bound, shortest, difficulty : float
+        `antway.arena.suites.Facts`.
+    cycle_p50, cycle_p99, cycle_max : float
+        Median, 99th percentile and maximum of the time of a control cycle, ms: the only columns that differ between two
+        runs of the same episode.
+    """
 
     suite: str
     episode: str

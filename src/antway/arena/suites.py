@@ -169,8 +169,12 @@ def robot_name(robot: str) -> str:
 def build(episode: Episode) -> Scenario:
     """Return the scenario of an episode.
 
-    A robot that is larger than that of the suite gets the first drawn world in which it fits at both ends and has a path; if
-    there is none among a hundred, it is refused by a `BadParameter`.
+    A robot that is larger than that of the suite gets the first drawn world in which it fits at both ends and has a path.
+
+    Raises
+    ------
+    BadParameter
+        If there is none among a hundred.
     """
     make = _suite(episode.spec).make
     scenario = make(episode.group, Chance(episode.seed))

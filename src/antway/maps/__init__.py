@@ -130,7 +130,13 @@ def load_map(
 
 
 def files_of(path: str | PathLike[str]) -> tuple[Path, ...]:
-    """Return the files that `load_map` reads: that of the map and, for a ROS map, that of its picture."""
+    """Return the files that `load_map` reads: that of the map and, for a ROS map, that of its picture.
+
+    Raises
+    ------
+    BadMap
+        For a ROS map that does not name a picture.
+    """
     file = shipped(path, map_file=True) or as_path(path)
     return (file, ros.picture(file)) if file.suffix.lower() in (".yaml", ".yml") else (file,)
 

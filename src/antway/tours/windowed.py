@@ -49,10 +49,17 @@ class Found:
 class Path:
     """A path from the first stop through all others to the last one, in whole units so that sums are exact.
 
-    It is made from the time of service and travel, float64[n, n], infinite if there is no path, and the earliest and the latest
-    start of service, which may be infinite. If `quick`, the analysis of windows is left out, which only local search can do
-    without.
+    Parameters
+    ----------
+    time : float64[n, n]
+        Time of service and travel; infinite if there is no path.
+    opens, closes : float64[n]
+        Earliest and latest start of service; closes may be infinite.
+    quick : bool
+        Whether to leave out the analysis of windows, which only local search can do without.
 
+    Notes
+    -----
     Decimal numbers with at most six places become whole numbers. Others are rounded to 50 bits of the horizon, and windows end
     later by more than what rounding adds: an order that is in time with the given numbers is in time here.
     """

@@ -12,8 +12,14 @@ from antway.writing import PICTURES, VIEWS, check_target
 def write_view(trace_file: str | Path, out: str | Path, *, at: float | None = None) -> Path:
     """Convert a trace file to the format of the suffix of `out`, and return its path.
 
-    .html is a replay page, .gif and .mp4 are animations, and .png, .svg and .pdf pictures: of the whole driven path, or of the
-    time `at`, s.
+    Parameters
+    ----------
+    trace_file : path
+        As `Trace.save` writes it.
+    out : path
+        .html for a replay page, .gif or .mp4 for an animation, .png, .svg or .pdf for a picture.
+    at : float or None
+        For a picture, the time to show in s; None: the whole driven path.
 
     Raises
     ------

@@ -39,9 +39,17 @@ def plan_figure(
     title: str = "Shortest path on the known map",
     ends: tuple[Sequence[float], Sequence[float]] | None = None,
 ) -> Figure:
-    """Draw a plan on its map, which is not inflated (Fig. 4 of the paper); without a path, the map and the ends alone.
+    """Draw a plan on its map (Fig. 4 of the paper).
 
-    The ends, start and goal in m, are those of the path unless they are given.
+    Parameters
+    ----------
+    grid : Grid
+        The map, not inflated.
+    path : Plan
+        If it has no path, only the map and the ends are drawn.
+    title : str
+    ends : ((x, y), (x, y)) or None
+        Start and goal in m; None: those of the path.
     """
     fig = style.figure(*style.map_size(grid))
     axes = fig.subplots()

@@ -22,7 +22,10 @@ MOST_LISTED = 40  # stops that the schedule has a row for
 def plan_tour_figure(tour: TourPlan) -> Figure:
     """Draw a tour on its map, stops numbered in the order of their visits, and, where there are windows, its schedule.
 
-    Tours of more than 40 stops have no schedule, and those of more than 60 no numbers.
+    Parameters
+    ----------
+    tour : TourPlan
+        Of at most 40 stops for a schedule, 60 for numbers.
     """
     task = tour.task
     visits = sum(len(route.order) for route in tour.routes)

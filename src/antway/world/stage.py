@@ -28,9 +28,19 @@ from antway.world.trace import Outcome, Trace
 class Stage:
     """Robot, obstacles and record of one episode, driven one control cycle at a time by commands from outside.
 
-    Of `steps` control cycles up to the horizon, `n` have been played and are filled in the record: arrays as in `Trace`. The
-    timeline has the trajectories of the obstacles as far as they are known: those that depend on the robot grow with the
-    episode. `clearance` is the smallest distance so far between the edges of the robot and an obstacle, m.
+    Attributes
+    ----------
+    task : Task
+    timeline : Timeline
+        The trajectories of the obstacles, as far as they are known: those that depend on the robot grow with the episode.
+    steps : int
+        Number of control cycles up to the horizon.
+    n : int
+        Number of control cycles played.
+    t, xy, velocity, heading, turn_rate, command, sensed, cycle_ms
+        The record: arrays as in `Trace` with `steps` control cycles, of which `n` are filled.
+    clearance : float
+        The smallest distance so far between the edges of the robot and an obstacle, m.
     """
 
     def __init__(self, scenario: Scenario, seed: int, horizon: float) -> None:

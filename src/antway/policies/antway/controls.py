@@ -35,7 +35,7 @@ _EXPANSIONS = 100  # most nodes that the search over arcs expands in a cycle
 _DODGE = 2.0  # 1; factor on the robot's acceleration away from obstacles that turn, because few of them turn straight at it
 _SPREADS = 2.0  # 1; beyond the margin to walls, room is kept for this many standard deviations of the robot's place
 _STAND = 0.3  # 1; a robot stands unless moving is better by this share of what falling behind the plan costs in a period
-_SLACK = 0.05  # s; a robot may arrive earlier than the plan by this and by the time for the goal's tolerance, where plans go on
+_SLACK = 0.05  # s; far from obstacles a robot may arrive earlier than plans by this and by the time for the goal's tolerance
 _DEEPER = 1e-3  # m; a robot whose place is in a wall gets no deeper in it than this
 _AT_REST = 0.2  # m/s; an obstacle that is slower is at rest, and turns are expected of those that move
 _REGAINED = 2.0  # 1; for each second that the robot gets nearer to its goal, so many of the seconds without it are forgotten.
@@ -198,7 +198,9 @@ class ControlColony:
         margins, outlook = self.margins, problem.outlook
         call(look_ahead, segments, sigma, start, problem.dt, problem.start, self.bounds, margins, change, outlook)
         if len(knots):
-            early = max(self.options.trust, self.task.goal_tolerance / self.robot.v_max + _SLACK)
+            early = self.options.trust
+            if not outlook.near.any():
+                early = max(early, self.task.goal_tolerance / self.robot.v_max + _SLACK)
             call(spread_plan, knots, start, problem.dt, arrival, early, outlook.plan)
         else:
             outlook.plan[:, 2] = -math.inf
