@@ -84,7 +84,9 @@ def test_discs_in_a_scan_are_found():
         pose = (*grid.to_xy(rng.uniform(3, 36, (1, 2)))[0], rng.uniform(-3, 3))
         places, radii = grid.to_xy(rng.uniform(3, 36, (3, 2))), rng.uniform(0.2, 0.5, 3)
         ranges = measured(grid, places, radii, pose, 480, 6.0)
-        xy, radius = discs(Background(grid, 0.05).off(frames.move(pose, read_points(scan_of(ranges))[0])), gap=0.3, largest=0.8)
+        xy, radius = discs(
+            Background(grid, 0.05).off(frames.move(pose, read_points(scan_of(ranges))[0]), pose[:2]), gap=0.3, largest=0.8
+        )
         for place, size in zip(xy, radius):  # whatever is found belongs to a disc, never to a wall
             assert (np.hypot(*(places - place).T) < radii + size + 0.05).any()
         empty = measured(grid, np.empty((0, 2)), np.empty(0), pose, 480, 6.0)
@@ -126,18 +128,19 @@ def test_points_of_the_map_are_those_near_its_walls() -> None:
     for _ in range(cases(60, 5000)):
         grid = Grid(rng.random((30, 20)) < 0.05, rng.uniform(0.05, 0.5), (3.0, -2.0, rng.uniform(-3, 3)))
         clear, points = rng.uniform(0.01, 1.0), grid.to_xy(rng.uniform(-2, (31, 21), (200, 2)))
+        laser = tuple(grid.to_xy(rng.uniform(0, (29, 19), (1, 2)))[0].tolist())
         free = []
-        for y, x in grid.to_points(points) + 0.5:
-            near = clear / grid.resolution
+        for (y, x), point in zip(grid.to_points(points) + 0.5, points, strict=True):
+            near = (clear + 0.02 * math.dist(point, laser)) / grid.resolution  # 0.02 rad: the heading is never exact
             rows, cols = (
                 range(math.floor(y - near), math.floor(y + near) + 1),
                 range(math.floor(x - near), math.floor(x + near) + 1),
             )
             free.append(all(grid.is_free((row, col)) for row in rows for col in cols))
-        np.testing.assert_array_equal(Background(grid, clear).off(points), points[free])
+        np.testing.assert_array_equal(Background(grid, clear).off(points, laser), points[free])
     walls, many = Background(Grid(np.zeros((2000, 2000), bool), 0.01), 1.0), rng.uniform(2.0, 18.0, (1080, 2))
     started = time.perf_counter()
-    assert len(walls.off(many)) == 1080 and time.perf_counter() - started < 0.1
+    assert len(walls.off(many, (10.0, 10.0))) == 1080 and time.perf_counter() - started < 0.1
 
 
 def test_each_beam_is_placed_by_where_the_robot_was() -> None:
@@ -158,12 +161,12 @@ def test_each_beam_is_placed_by_where_the_robot_was() -> None:
     for increment, found in ((0.1 / 360, 1), (math.nan, 0), (0.1, 0), (-0.001, 0)):
         laser.receive(0.0, scan_of(one, range_max=12.0, time_increment=increment))
         scan = newest_reached(laser.waiting, 0.2)
-        points = Background(grid, 0.15).off(laser.placed(scan, frames.HERE, False, 0.2))
+        points = Background(grid, 0.15).off(laser.placed(scan, frames.HERE, False, 0.2), pose(0.0)[:2])
         if found:
             assert laser.middle(scan) == pytest.approx(0.05, abs=1e-3)
             np.testing.assert_allclose(discs(points, gap=0.3, largest=0.8)[0], places, atol=0.03)
         else:
-            assert laser.middle(scan) == 0.0 and len(points) > 80, "walls that are smeared are obstacles"
+            assert laser.middle(scan) == 0.0 and len(points) > 40, "walls that are smeared are obstacles"
 
 
 def test_malformed_scans_are_refused():
@@ -307,7 +310,7 @@ class Seeing:
         pose = frames.chain(self.world, (*o.xy, o.heading))
         truth = frames.move_tracks(self.world, o.tracks)
         points, _ = read_points(scan_of(measured(self.grid, truth.xy, truth.radius, pose, 240, 5.5)))
-        seen = discs(Background(self.grid, 0.15).off(frames.move(pose, points)), gap=0.3, largest=0.8)
+        seen = discs(Background(self.grid, 0.15).off(frames.move(pose, points), pose[:2]), gap=0.3, largest=0.8)
         self.pilot.scan = o.t, self.tracker.update(o.t, without_ids(seen))
         answer = self.pilot.receive_odometry(
             frames.Odometry(o.t, pose[:2], frames.turn(self.world[2], o.velocity), pose[2]), o.t

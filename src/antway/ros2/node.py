@@ -277,7 +277,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             mount = self.transforms.mount(scan[1].header.frame_id, settings.base_frame, scan[0], settings.timeout)
             if self.background is None or self.background.grid is not grid:
                 self.background = Background(grid, settings.scan_clear)
-            points = self.background.off(laser.placed(scan, *mount, settings.scan_valid))
+            points = self.background.off(laser.placed(scan, *mount, settings.scan_valid), (x, y))
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
             return seen, self.tracker.update(seen, without_ids(places), (x, y))
 

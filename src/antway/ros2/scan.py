@@ -21,6 +21,7 @@ from antway.ros2.frames import Pose, move
 from antway.world.policy import XY, Tracks
 
 _ROUND = 0.03  # m; tolerance for points on a circle
+_TURNED = 0.02  # rad; error of the robot's heading on the map, by which far walls are elsewhere
 _NOISE = 0.05  # m; standard deviation of the places of tracks
 _AGILITY = 1.0  # m/s^2; expected acceleration of obstacles
 Discs = tuple[NDArray[np.float64], NDArray[np.float64]]  # centres, float64[N, 2] in m; radii, float64[N] in m
@@ -145,19 +146,23 @@ class Laser:
 
 
 class Background:
-    """Tells which points are part of a map: a blocked cell, or the map's edge, is within `clear` m along either axis."""
+    """Tells which points are part of a map: a blocked cell, or the map's edge, is within `clear` m along either axis.
+
+    For each metre from the laser it may be 2 cm farther, because the robot's heading on the map is never exact.
+    """
 
     def __init__(self, grid: Grid, clear: float) -> None:
-        self.grid, self.near = grid, clear / grid.resolution
+        self.grid, self.clear = grid, clear
         rows, cols = grid.shape
         self.before = np.zeros((rows + 1, cols + 1), np.int32)  # numbers of blocked cells in lower rows and columns
         np.cumsum(grid.blocked, axis=0, out=self.before[1:, 1:])
         np.cumsum(self.before, axis=1, out=self.before)
 
-    def off(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return those of the points `xy`, float64[N, 2] in m, that are not part of the map."""
-        at = self.grid.to_points(xy) + 0.5
-        low, high = (np.floor(at + side).astype(np.int64) for side in (-self.near, self.near))
+    def off(self, xy: NDArray[np.float64], laser: XY) -> NDArray[np.float64]:
+        """Return those of the points `xy`, float64[N, 2] in m, seen from `laser`, that are not part of the map."""
+        at, away = self.grid.to_points(xy) + 0.5, np.hypot(*(xy - laser).T)[:, None]
+        near = (self.clear + _TURNED * away) / self.grid.resolution
+        low, high = (np.floor(at + side).astype(np.int64) for side in (-near, near))
         inside = ((low >= 0) & (high < self.grid.shape)).all(axis=1)
         (y0, x0), (y1, x1), before = low[inside].T, high[inside].T + 1, self.before
         blocked = before[y1, x1] - before[y0, x1] - before[y1, x0] + before[y0, x0]

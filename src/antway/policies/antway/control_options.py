@@ -46,8 +46,8 @@ class ControlOptions:
     off_plan : float
         s/m; for each metre beside the plan, the robot is taken to need this much longer to the goal than the plan.
     trust : float
-        s; the robot is taken to be able to arrive this much earlier than the plan. Where it can come near no obstacle, it is the
-        time in which the robot drives the goal's tolerance, and 0.05 s, if that is more.
+        s; the robot is taken to be able to arrive this much earlier than the plan. Where no obstacle is near, it is at least
+        the time in which the robot drives the goal's tolerance, and 0.05 s.
     unsure : float
         1; least standard deviation of an obstacle's predicted velocity, as a share of its speed, while one in twenty
         predictions or more fails, as is assumed at first. It falls with that share (kernels/tracking/prediction_error.py), and
