@@ -25,14 +25,13 @@ class Reports:
     def say(self, level: int, reason: str) -> None:
         """Log what the node does or why it stands, and publish it on diagnostics, if that is new.
 
-        An error that is the same but for its numbers is new after a second.
+        What is the same but for its numbers is published, but not logged again; an error is new after a second.
         """
-        if (level, reason) == self.last:
+        before, self.last = self.last, (level, reason)
+        if before == self.last or (level == ERROR and not self._is_new(reason)):
             return
-        self.last = level, reason
-        if level == ERROR and not self._is_new(reason):
-            return
-        self._log(level, reason)
+        if level == ERROR or (level, _words(reason)) != (before[0], _words(before[1])):
+            self._log(level, reason)
         self.publish()
 
     def add(self, level: int, reason: str) -> None:
@@ -46,7 +45,7 @@ class Reports:
         """Tell whether a reason, but for its numbers, was not logged within the last second."""
         now = time.monotonic()
         self.logged = {words: then for words, then in self.logged.items() if now < then + 1.0}
-        return self.logged.setdefault(re.sub(r"[\d.]+", "", reason), now) >= now
+        return self.logged.setdefault(_words(reason), now) >= now
 
     def _log(self, level: int, reason: str) -> None:
         log = self.node.get_logger()
@@ -68,3 +67,8 @@ class Reports:
         status = make("diagnostic_msgs/msg/DiagnosticStatus", level=bytes([level]), name=name, message=reason, hardware_id="")
         now = make("std_msgs/msg/Header", stamp=self.node.get_clock().now().to_msg())
         self.publisher.publish(make("diagnostic_msgs/msg/DiagnosticArray", header=now, status=[status]))
+
+
+def _words(reason: str) -> str:
+    """Return a reason without its numbers."""
+    return re.sub(r"[\d.]+", "", reason)

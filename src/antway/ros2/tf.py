@@ -55,9 +55,10 @@ class Transforms:
             raise BadParameter("header.frame_id", frame, f"{within}, or a frame that tf knows ({error})") from None
         stamp, move = convert.seconds(found.header.stamp), found.transform
         if stamp != 0.0 and not -POSTDATED - timeout <= t - stamp <= timeout:
-            if stamp > t and t < self.t:  # time went back, and tf would go on telling what it knew then
+            if stamp > t and 0.0 < t < self.t:  # time went back, and tf would go on telling what it knew then
                 self.buffer.clear()
-            age, allowed = f"{t - stamp:.2f} s", f"at most {timeout:g} s (down to -{POSTDATED + timeout:g} s): tf is silent"
+            why = "tf is silent" if stamp < t else "the message, or tf, has a wrong stamp"
+            age, allowed = f"{t - stamp:.2f} s", f"at most {timeout:g} s (down to -{POSTDATED + timeout:g} s): {why}"
             raise BadParameter(f"age of tf from {within} to {frame}", age, allowed)
         self.t = t
         place = convert.plain("", position=move.translation, orientation=move.rotation)
