@@ -197,18 +197,9 @@ class Ants:
 class Trail:
     """Pheromone on the moves of a graph, and the best path so far, as a rule updates them.
 
-    Once the clock is spent only `best` and `path` are valid, because passes over the map are left unfinished.
-
-    Attributes
-    ----------
-    tau : float64[N, 8]
-        0 if a move is not legal.
-    eta : float64[N, 8]
-        The heuristic to the power beta; 0 if a move is not legal.
-    tau_0, tau_min, tau_max : float
-        Initial pheromone, and its limits on legal moves.
-    best : float
-        Length of `path` in cells; infinite if there is none.
+    For each move `tau` is the pheromone and `eta` the heuristic to the power beta, float64[N, 8], 0 if it is not legal. `tau_0`
+    is the initial pheromone, `tau_min` and `tau_max` its limits on legal moves. `best` is the length of `path` in cells,
+    infinite if there is none. Once the clock is spent only these two are valid: passes over the map are left unfinished.
     """
 
     def __init__(self, graph: AntGraph, rule: Rule, ants: int, heuristic: str, clock: Clock = ENDLESS) -> None:

@@ -316,7 +316,10 @@ def _label(policy: str) -> str:
 def table_jobs(episodes: Iterable[Episode], policies: Iterable[str]) -> list[Job]:
     """Return the jobs of all policies on all episodes. `oracle` is not needed: every row has its optimum.
 
-    A `BadParameter` refuses an unknown policy, and one that is given twice.
+    Raises
+    ------
+    BadParameter
+        For an unknown policy, or one that is given twice.
     """
     names = list(policies)
     for name in names:

@@ -140,7 +140,12 @@ def tracks(file: str) -> Suite:
 
 
 def read_tracks(file: str) -> NDArray[np.float64]:
-    """Return a track file as rows t (s, from 0), id, x, y (m), float64[N, 4], by id and then time; far places begin at 0."""
+    """Return a track file as rows t (s, from 0), id, x, y (m), float64[N, 4], by id and then time; far places begin at 0.
+
+    Raises
+    ------
+    BadScenario, TooLarge
+    """
     comma = Path(file).suffix.lower() == ".csv"
     table = _read_table(file, comma)
     by_id = 1, 0, 2, 3
@@ -215,9 +220,17 @@ def _names(heading: str) -> list[str]:
 def walks(table: NDArray[np.float64], file: str) -> list[NDArray[np.float64]]:
     """Return the rows t, x, y of each person in a table of `read_tracks` of a file.
 
-    A number that comes again after more than 3 s and 3 frames belongs to somebody else. Who was seen once is left out; if
-    everybody was, that is a `BadScenario`. There is a warning if people walk so slowly or fast that times or places are
-    probably in other units, or jump as if numbers were swapped.
+    A number that comes again after more than 3 s and 3 frames belongs to somebody else. Who was seen once is left out.
+
+    Raises
+    ------
+    BadScenario
+        If nobody was seen twice.
+
+    Warns
+    -----
+    UserWarning
+        If people walk so slowly or fast that times or places are probably in other units, or jump as if numbers were swapped.
     """
     steps, same = np.diff(table[:, 0]), np.diff(table[:, 1]) == 0
     if not same.any():

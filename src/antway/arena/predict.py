@@ -41,9 +41,14 @@ class Forecast:
 
 
 def forecast(file: str, *, factor: float = 1.0) -> Forecast:
-    """Predict every track of a recording, as of the suite `tracks:FILE`, at every instant from the record up to that time.
+    """Predict every track of a recording at every instant from the record up to that time.
 
-    The fitted widths of tubes are multiplied by `factor` > 0 at first; the right widths are learnt from then on.
+    Parameters
+    ----------
+    file : str
+        As for the suite `tracks:FILE`.
+    factor : float
+        Initial factor of the fitted widths of tubes, > 0; the right widths are learnt from then on.
 
     Raises
     ------
@@ -95,10 +100,23 @@ def left_tubes(
     chance: float,
     factor: float = 1.0,
 ) -> NDArray[np.bool_]:
-    """Tell which obstacles left their tubes, bool[N], of which the share `chance` should.
+    """Tell which obstacles left their tubes, whose widths are learnt over time.
 
-    Each was predicted at a time of `now` (s, not decreasing), with this `error` (m) `ahead` s later. The radius of its tube (m)
-    is the fitted one times a factor that is learnt from all tracks together (`learnt_factor`), from `factor` > 0 on.
+    Parameters
+    ----------
+    now : float64[N]
+        Time of each prediction, s, not decreasing.
+    error, radius : float64[N]
+        Error of the prediction `ahead` s later, and the fitted radius of the tube, m.
+    chance : float
+        Intended share of obstacles that leave.
+    factor : float
+        Initial factor of the radii, > 0.
+
+    Notes
+    -----
+    The radius of a tube is the fitted one times a factor that is learnt from all tracks together (`learnt_factor`). Each
+    prediction counts from its time on.
     """
     out, due = np.zeros(len(now), np.bool_), 0
     for i in range(len(now)):
@@ -112,8 +130,16 @@ def left_tubes(
 def place_variance(p11: float, p12: float, p22: float, density: float, t: float) -> float:
     """Return the variance of a track's place along one axis `t` s after its estimate, m^2.
 
-    It follows from the variances of place and velocity then, their covariance, and the spectral density (m^2/s^3) of the white
-    acceleration that changes the velocity (Bar-Shalom, Li, Kirubarajan 2001, eq. 6.2.2-4).
+    Parameters
+    ----------
+    p11, p12, p22 : float
+        Variances of place (m^2) and velocity (m^2/s^2), and their covariance (m^2/s).
+    density : float
+        Spectral density of the white acceleration that changes the velocity, m^2/s^3.
+
+    Notes
+    -----
+    p11 + 2 t p12 + t^2 p22 + density t^3 / 3 (Bar-Shalom, Li, Kirubarajan 2001, eq. 6.2.2-4).
     """
     return p11 + 2.0 * t * p12 + t * t * p22 + density * t * t * t / 3.0
 
@@ -143,7 +169,10 @@ def tube_radius(variance: float, chance: float, dof: float) -> float:
 def people_variance(sigma_v: float, t: float) -> float:
     """Return the variance of a person's place along one axis `t` s from now, m^2.
 
-    The velocity error over LATER s has the standard deviation `sigma_v` along each axis, m/s.
+    Parameters
+    ----------
+    sigma_v : float
+        Standard deviation along one axis of the velocity error over LATER s, m/s.
     """
     own = max(_OWN * sigma_v * sigma_v - PEOPLE_DENSITY * LATER / 3.0, 0.0)
     return place_variance(1e-4, 0.0, own, PEOPLE_DENSITY, t)

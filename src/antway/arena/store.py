@@ -25,34 +25,7 @@ Key = tuple[str, str, str, int, str]  # suite, episode, policy, seed, version
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The result of one episode under one policy; missing numbers are NaN.
-
-    Attributes
-    ----------
-    suite, episode, policy : str
-    seed : int
-    version : str
-        Version of antway. These five are the key.
-    group : str
-        Kind of episode; statistics are made for each group.
-    outcome, reason : str
-        Value of `Outcome`, and a sentence that explains it.
-    time, length : float
-        s, m.
-    clearance : float
-        Smallest distance to a moving obstacle, m; infinite if there are none.
-    discomfort : float
-        Time spent nearer than 0.2 m to an obstacle, s.
-    side_changes, replans, waits : int
-        Changes of the side on which an obstacle is passed, changes of plan, and stops.
-    jerk : float
-        Root mean square, m/s^3.
-    bound, shortest, difficulty : float
-        `antway.arena.suites.Facts`.
-    cycle_p50, cycle_p99, cycle_max : float
-        Median, 99th percentile and maximum of the time of a control cycle, ms: the only columns that differ between two
-        runs of the same episode.
-    """
+    """The result of one episode under one policy; missing numbers are NaN. The first five fields are the key."""
 
     suite: str
     episode: str
@@ -106,7 +79,13 @@ _TABLE = (
 
 
 class Results:
-    """An open results file, created if it does not exist; unless it is to `write` rows, it must exist and is not changed.
+    """An open results file, created if it does not exist.
+
+    Parameters
+    ----------
+    path : str or Path
+    write : bool
+        Whether rows will be added; if not, the file must exist and is not changed.
 
     Raises
     ------
@@ -180,7 +159,10 @@ class Results:
     def add(self, row: Row, trace: str = "") -> None:
         """Write a finished row and the JSON of its trace, if there is one; an existing row with the same key is kept.
 
-        If it cannot be written, for example because the disk is full, `BadResults` is raised, and earlier rows remain.
+        Raises
+        ------
+        BadResults
+            If it cannot be written, for example because the disk is full. Earlier rows remain.
         """
         values = astuple(row)
         packed = zlib.compress(trace.encode(), 6) if trace else None
@@ -197,7 +179,13 @@ class Results:
             return self.db.execute(query, key).fetchone() is not None
 
     def rows(self) -> list[Row]:
-        """Return all rows, sorted by key; raise `BadResults` if one is damaged."""
+        """Return all rows, sorted by key.
+
+        Raises
+        ------
+        BadResults
+            If a row is damaged.
+        """
         found = []
         with self._refusals():
             for *values, digest in self.db.execute(f"SELECT {_NAMES}, digest FROM episodes ORDER BY {_KEY}"):
@@ -233,9 +221,12 @@ class Results:
 
 
 def export(rows: list[Row], path: str | Path) -> Path:
-    """Write rows to a .csv, .json or .parquet file, and return its path.
+    """Write rows to a .csv, .json or .parquet file (the last needs pyarrow); return its path.
 
-    A `BadParameter` refuses another suffix, and Parquet without pyarrow.
+    Raises
+    ------
+    BadParameter
+        For another suffix, or Parquet without pyarrow.
     """
     path = Path(path)
     if path.suffix == ".csv":

@@ -19,18 +19,8 @@ from antway.world.trace import Outcome
 class Summary:
     """The results of a policy on one level of difficulty, or on all levels (level "").
 
-    Attributes
-    ----------
-    outcomes : mapping of `Outcome` value to count
-    success : float, and its Wilson interval at 95 %
-    time_ratio : float, and its bootstrap interval at 95 %; NaN for fewer than two episodes
-        Mean of time over the clairvoyant optimum for episodes that reached the goal; less than 1 is possible, because the
-        optimum moves on a grid.
-    time, path_ratio, clearance, discomfort, side_changes, jerk : float
-        Means over the episodes that reached the goal: time (s), length over the shortest path among the walls, and smallest
-        clearance (m); means over all episodes: time spent nearer than 0.2 m (s), side changes, and jerk (m/s^3).
-    cycle : (p50, p99, max)
-        Medians of the episodes' medians and 99th percentiles, and the longest cycle of all, ms.
+    Time ratio, time, path ratio and clearance are means over the episodes that reached the goal; discomfort, side changes and
+    jerk are means over all.
     """
 
     level: str

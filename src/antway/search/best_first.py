@@ -30,7 +30,13 @@ def faces(moves: Moves) -> NDArray[np.float64]:
 
 
 class Search:
-    """A search from `sources` by the kernel `best_first` in slices; `label`, float64[cells], has the costs so far, in cells."""
+    """A search from `sources` by the kernel `best_first`, in slices between which the clock is read.
+
+    Attributes
+    ----------
+    label : float64[cells]
+        Cost of the best path to each cell so far, in cells.
+    """
 
     def __init__(
         self, net: Graph, sources: list[Cell], goal: Cell | None, costs: NDArray[np.float64] | None, faces: NDArray[np.float64]

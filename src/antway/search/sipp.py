@@ -82,11 +82,29 @@ class TimedPlan:
 def timed_moves(
     grid: Grid, radius: float, moves: Moves = Moves.THIRTY_TWO, stride: int = 1, first: Cell = (0, 0)
 ) -> NDArray[np.uint32]:
-    """Return which moves a disc of `radius` m can make from each cell, uint32[H, W]: bit k is for `moves.offsets[k]`.
+    """Return which moves a disc can make from each cell; bit k is for `moves.offsets[k]`.
 
-    Moves do not cut corners: FOUR, EIGHT, SIXTEEN or THIRTY_TWO. Touching is legal, contact with blocked cells or the edge of
-    the map is not; no bit is set where the disc cannot stand. Only every `stride`-th cell of a row and of a column counts, and
-    moves are that much longer. The first of these is `first`, (row, col), each number below `stride`; the result has no others.
+    Parameters
+    ----------
+    grid : Grid
+    radius : float
+        Of the robot in m, >= 0. Touching is legal, contact with blocked cells or the edge of the map is not.
+    moves : Moves
+        FOUR, EIGHT, SIXTEEN or THIRTY_TWO, which do not cut corners.
+    stride : int
+        >= 1; only every stride-th cell of a row and of a column counts, and moves are that much longer.
+    first : (row, col)
+        The first cell that counts, each number below `stride`.
+
+    Returns
+    -------
+    uint32[H, W]
+        0 where the disc cannot stand. With a stride, it has only the cells that count.
+
+    Raises
+    ------
+    BadParameter
+        For other moves, or a radius, a stride or a first cell out of range.
 
     Examples
     --------
@@ -107,10 +125,26 @@ def timed_moves(
 
 
 def timed_field(mask: NDArray[np.uint32], moves: Moves, goals: ArrayLike, scale: float = 1.0) -> NDArray[np.float64]:
-    """Return the exact distance of every cell to the nearest goal over the legal moves of `mask`; infinite if there is no path.
+    """Return the exact distance of every cell to the nearest goal over the legal moves of `mask`.
 
-    `mask` is from `timed_moves` with the same moves, or a window of it; `goals` are int[G, 2] or (row, col). `scale` is the
-    length of a cell's edge in the unit of the result: the resolution for m, resolution / speed for s.
+    Parameters
+    ----------
+    mask : uint32[H, W]
+        From `timed_moves` with the same moves, or a window of it.
+    moves : Moves
+    goals : int[G, 2] or (row, col)
+    scale : float
+        Length of a cell's edge in the unit of the result, > 0: the resolution for m, resolution / speed for s.
+
+    Returns
+    -------
+    float64[H, W]
+        Infinite where no goal can be reached.
+
+    Raises
+    ------
+    BadParameter
+        For a mask or goals of wrong type or shape, or goals off the mask.
 
     Examples
     --------
@@ -319,7 +353,13 @@ def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
 
 
 def checked_trajectories(obstacles: Trajectories) -> records.Trajectories:
-    """Return the motions of K discs as kernels use them, if their arrays fit together."""
+    """Return the motions of K discs as kernels use them.
+
+    Raises
+    ------
+    BadParameter
+        For arrays that do not fit together.
+    """
     if not all(hasattr(obstacles, name) for name in ("radius", "knot_t", "knot_xy", "first")):
         raise BadParameter("obstacles", obstacles, "trajectories such as a Timeline: radius, knot_t, knot_xy, first; or None")
     radius = checks.array("obstacles.radius", obstacles.radius, (None,))

@@ -34,8 +34,18 @@ _LOOKS = tuple(zip(style.COLOURS, "os^DvP", style.DASHES, strict=True))  # of po
 def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = None, path: Plan | None = None) -> Figure:
     """Draw the robot's progress along the global path against time, and the parts of the path that obstacles occupy.
 
-    On the path, by default the shortest over the cells, the robot must avoid the occupied parts: it waits below them, or has
-    passed above them. Off the path, drawn dotted, it makes a detour. The times drawn are from `start` to `end`, s.
+    Parameters
+    ----------
+    trace : Trace
+    start, end : float, float or None
+        The span of time to draw, s; None: to the end.
+    path : Plan or None
+        The path; None: the shortest over the cells.
+
+    Notes
+    -----
+    On the path the robot must avoid the occupied parts: it waits below them, or has passed above them. Off the path, drawn
+    dotted, it makes a detour.
     """
     last = float(trace.t[-1])
     start = checks.number("start", start, low=0.0, high=last, unit="s")
@@ -115,7 +125,10 @@ def draw_pheromone(axes: Axes, grid: Grid, found: Exploration, words: str) -> No
 def success_figure(table: Sequence[Summary]) -> Figure:
     """Draw the share of episodes that reached the goal, by level and policy, with 95 % intervals.
 
-    Rows over all levels are left out if there are others.
+    Parameters
+    ----------
+    table : sequence of Summary
+        From `antway.arena.summary.summarise`; rows over all levels are left out if there are others.
     """
     if not table:
         raise BadParameter("table", table, "at least one summary")

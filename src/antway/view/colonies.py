@@ -20,7 +20,11 @@ from antway.view.charts import draw_pheromone
 def pheromone_over_time_figure(grid: Grid, found: Mapping[int, Exploration]) -> Figure:
     """Draw pheromone and best path after several numbers of cycles, side by side.
 
-    `explore` with the same problem and seed shows the same colony after each number of cycles.
+    Parameters
+    ----------
+    grid : Grid
+    found : mapping of int to Exploration
+        By number of cycles: `explore` with the same problem and seed shows the same colony at several times.
 
     Examples
     --------

@@ -22,9 +22,18 @@ _SLOW_TO_FAST = "viridis"
 
 @style.styled
 def motion_figure(grid: Grid, path: Plan, smoothed: Smoothed, robot: RobotSpec) -> Figure:
-    """Draw the motion of a smoothed plan on the map, which is not inflated, and the plan dashed.
+    """Draw the motion of a smoothed plan.
 
-    The robot's outline is drawn along the motion at equal time steps.
+    Parameters
+    ----------
+    grid : Grid
+        The map, not inflated.
+    path : Plan
+        Drawn dashed.
+    smoothed : Smoothed
+        With a motion.
+    robot : RobotSpec
+        Its outline is drawn along the motion at equal time steps.
     """
     motion = smoothed.motion
     if motion is None:

@@ -72,9 +72,20 @@ def moment_figure(
 ) -> Figure:
     """Draw an episode at one step (Figs. 5 and 6 of the paper); moving obstacles are red and have their numbers.
 
-    Their predicted motions in the next 3 s are drawn if the decision of that step has them, and with `pheromone` the ants'
-    pheromone and the path that was chosen; the global path is drawn dashed. Without a caption the decision is under the picture
-    in words.
+    Their predicted motions in the next 3 s are drawn if the decision of that step has them.
+
+    Parameters
+    ----------
+    trace : Trace
+    step : int
+        In [0, len(trace)].
+    title : str
+    caption : str or None
+        Text under the picture; None: the decision in words.
+    path : Plan or None
+        The global path, drawn dashed.
+    pheromone : bool
+        Draw the ants' pheromone and the path that was chosen, if the decision of that step has them.
     """
     step = checks.integer("step", step, low=0, high=len(trace))
     fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
@@ -137,7 +148,12 @@ def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | None = None
 def convergence_figure(histories: Mapping[str, NDArray[np.float64]], *, optimum: float | None = None) -> Figure:
     """Draw the best length so far and the cycle's mean length against the cycle, for several colonies.
 
-    A history is that of a `Decision`. The shortest length, `optimum` m, is drawn as a line if it is known.
+    Parameters
+    ----------
+    histories : mapping of name to float64[C, 4]
+        For each cycle: best length, mean length (m), share of ants that arrived, pheromone entropy (nats), as in `Decision`.
+    optimum : float or None
+        The shortest length, m, drawn as a line.
     """
     fig = style.figure(6.4, 5.2)
     lengths, arrived = fig.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))

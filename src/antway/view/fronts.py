@@ -22,8 +22,14 @@ _SHOWN = 6  # limit of paths, spread over the front
 def front_figure(grid: Grid, front: TimedFront, obstacles: Timeline | None = None) -> Figure:
     """Draw paths of a front on the map, and the whole front as distance against time, with clearances as numbers.
 
-    The map is not inflated. Of more than six paths six are drawn. Moving obstacles are circles at their initial places, with
-    tracks up to the last arrival.
+    Parameters
+    ----------
+    grid : Grid
+        The map, not inflated.
+    front : TimedFront
+        With at least one path; if there are more than six, six are drawn.
+    obstacles : Timeline or None
+        Moving obstacles, drawn as circles at their initial places, with tracks up to the last arrival.
 
     Examples
     --------

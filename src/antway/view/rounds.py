@@ -13,7 +13,13 @@ from antway.world.trace import Trace
 
 @style.styled
 def rounds_figure(trace: Trace) -> Figure:
-    """Draw an episode's rounds: a map with stops numbered by visit, and below the times of arrival, waiting and service."""
+    """Draw an episode's rounds: a map with stops numbered by visit, and below the times of arrival, waiting and service.
+
+    Parameters
+    ----------
+    trace : Trace
+        Of a scenario with stops.
+    """
     rounds = trace.rounds if trace.rounds is not None else Rounds(())
     fig, axes, times, points_per_metre = stops.map_and_schedule(trace.task.grid, max(1, len(rounds.stops)), width=7.6)
     assert times is not None

@@ -146,10 +146,17 @@ def _with_headers(send: Send) -> Send:
 
 
 def make_app(names: frozenset[str], token: str, *, workers: Workers | None = None) -> ASGIApp:
-    """Return the server as an ASGI application, for Host headers that are in `names` (`names_of`).
+    """Return the server as an ASGI application.
 
-    A websocket needs the token as its second subprotocol, and a request for a page as ?token=... or, later, in a cookie: even
-    on this machine there may be other users. The workers read files and make exports for the tabs; without any the server does.
+    Parameters
+    ----------
+    names : frozenset of str
+        The allowed Host headers (`names_of`).
+    token : str
+        The token that a websocket needs as its second subprotocol, and a request for a page as ?token=... or, later, in a
+        cookie. Even on this machine there may be other users.
+    workers : Workers or None
+        Processes that read files and make exports for the tabs; None: the server does it.
     """
     cookie = f"antway-{zlib.crc32(token.encode()):08x}"  # a different name for each server, because cookies ignore ports
     crossings = {
@@ -358,8 +365,15 @@ def _allow_files() -> None:
 def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], None] = lambda url: None) -> None:
     """Serve the page until interrupted.
 
-    The host is an address or a name of this machine; any but a loopback address opens the page to other machines. The token is
-    always needed. Port 0 means any free one. Once it is open, `ready` is called with the page's address, which has the token.
+    Parameters
+    ----------
+    host : str
+        An address or a name of this machine. Any but a loopback address opens the page to other machines. The token is always
+        needed.
+    port : int
+        0 means any free port.
+    ready : callable
+        Called with the address of the page, which includes the token, once the port is open.
 
     Raises
     ------

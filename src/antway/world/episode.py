@@ -156,18 +156,9 @@ def run(
 class Episode:
     """An episode played one control cycle at a time; arguments and errors are those of `run`.
 
-    Attributes
-    ----------
-    scenario : Scenario
-    policy : Policy
-    outcome : Outcome or None
-        None while the episode continues.
-    reason : str
-        One sentence about the outcome.
-    decisions : list of (step, Decision)
-        As in `Trace`; empty without a record, if the policy need not explain.
-    stage : Stage
-        The record: arrays as in `Trace`, filled up to row `steps`.
+    While it continues, `outcome` is None; `reason` is one sentence about it. The record is in `stage`, whose arrays are as in
+    `Trace` and filled up to row `steps`, and in `decisions`, also as in `Trace`; these are empty without a record if the policy
+    need not explain. `seen` is what the policy was shown last.
 
     Examples
     --------

@@ -42,7 +42,13 @@ class Stop:
 
 
 def checked_stops(stops: object, task: Task) -> tuple[Stop, ...]:
-    """Return `stops` if each is on the map, clear of walls and in a cell of its own; an error names the stop that is not."""
+    """Return `stops` if each is on the map, clear of walls and in a cell of its own.
+
+    Raises
+    ------
+    BadParameter, OutOfBounds, CellBlocked, TooLarge
+        Each names the stop.
+    """
     listed = checks.sequence("stops", stops, "a sequence of stops")
     if len(listed) > MAX_STOPS:
         raise TooLarge("stops", len(listed), f"at most {MAX_STOPS}")

@@ -24,19 +24,6 @@ class Timeline:
     Disc k has the knots `first[k] <= i < first[k + 1]`. It is at `knot_xy[i]` at time `knot_t[i]`, moves straight at constant
     speed in between, and stands before the first knot and after the last.
 
-    Attributes
-    ----------
-    id : int64[K]
-        Distinct.
-    radius : float64[K]
-        m, > 0.
-    knot_t : float64[M]
-        s, strictly increasing within a disc.
-    knot_xy : float64[M, 2]
-        m.
-    first : int64[K + 1]
-        first[0] = 0, first[K] = M; each disc has at least one knot.
-
     Raises
     ------
     BadScenario

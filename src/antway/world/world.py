@@ -90,10 +90,15 @@ class World:
 
 
 def refuse_through_walls(world: World, seed: int, horizon: float) -> None:
-    """Refuse obstacles that start in a wall or move through one, by a `BadScenario` that names the first time in a wall, s.
+    """Refuse obstacles that start in a wall or move through one. Touching walls and leaving the map are legal.
 
-    Touching walls and leaving the map are legal. The motions are those of the episode with `seed` up to `horizon` s. Motions
-    along a fixed line are tested on the whole line, because another seed may draw another speed and phase.
+    The motions are those of the episode with `seed` up to `horizon` s. Motions along a fixed line are tested on the whole line,
+    because another seed may draw another speed and phase.
+
+    Raises
+    ------
+    BadScenario
+        Names the obstacle, and the first time at which it is in a wall, s.
     """
     if not world.grid.blocked.any():
         return
