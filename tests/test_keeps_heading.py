@@ -50,6 +50,7 @@ def test_doors_are_passed_where_the_footprint_fits(
     result = run(scenario, "antway", seed=0)
     check_episode(result)
     assert result.reached and result.time < 1.15 * math.dist((2.0, 2.0), goal) + 1.0
+    assert all(decision.action != "stuck" for _, decision in result.trace.decisions)
 
 
 @pytest.mark.parametrize("a_max", [math.inf, 1.0])

@@ -159,7 +159,8 @@ class Served:
             return
         code, reason = (nav2.NONE, "") if failure is None else (failure.code, failure.reason)
         if reason:
-            self.node.get_logger().error(f"{kind.type.__name__}: {reason}")
+            name = next(name for name, one in self.kinds.items() if one is kind)
+            self.node.get_logger().error(f"{name}: {reason}")
         seconds = time.monotonic() - started
         took = make("builtin_interfaces/msg/Duration", sec=int(seconds), nanosec=int(seconds % 1.0 * 1e9))
         self._finish(handle, kind, code, path=path, planning_time=took, error_code=code, error_msg=reason)

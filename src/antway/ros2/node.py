@@ -46,6 +46,7 @@ T = TypeVar("T")
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 UPDATES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # older odometry is of no use to a node that was busy
+_SENT_IN = 0.3  # s; tasks of the executor send results within this time, among the messages that still come in
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -440,9 +441,9 @@ def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
 
 def _deliver(node: AntwayNode, executor: Any) -> None:
     """Let the executor send the results of actions that have ended with the drive, for at most a second."""
-    until, more = time.monotonic() + 1.0, 3 * node.declared.configured
-    for subscription in list(node.subscriptions):  # or their messages take the turns of the results
-        node.destroy_subscription(subscription)
-    while more and time.monotonic() < until:
-        more = 3 if node.served.unanswered else more - 1  # a task makes a result, and others send it
+    now = time.monotonic()
+    until, more = now + 1.0, now + _SENT_IN * node.declared.configured
+    while time.monotonic() < min(until, more):
+        if node.served.unanswered:
+            more = time.monotonic() + _SENT_IN
         executor.spin_once(timeout_sec=0.02)

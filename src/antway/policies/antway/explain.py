@@ -26,6 +26,7 @@ _STEPS = {"braked": "brake", "stepped-aside": "step-aside"}
 _SHOWN = 6.0  # s; a decision contains the prediction up to this time ahead
 _STANDS = 1.0  # s; an explanation is renewed after this time, even if the plan stays
 _DOUBT = "the velocities of obstacles that the sensor reports do not fit their places and are not used"
+_CUT_OFF = "the map has no path to the goal for this robot"
 _LATE = 0.05  # s; a robot that loses less time than this is not held up
 _AWAY = 2.0  # s; a robot on wheels that loses more time than its plan by what it drives next keeps away from obstacles
 _STEP = 0.1  # s; a plan is looked at in steps of this length
@@ -49,7 +50,9 @@ def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.floa
         s.crowd.prediction[:known].copy(),
         s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
     )
-    made = explain(snapshot, s.path, arrival - t, bound - t, *s.did, pheromone, memory)
+    made = Decision("stuck", _CUT_OFF, guard=s.did[0], pheromone=pheromone)
+    if not is_cut_off(s.detours.contexts[-1], s.settings.colony.leg_cells, seen.xy):
+        made = explain(snapshot, s.path, arrival - t, bound - t, *s.did, pheromone, memory)
     doubt = _DOUBT if s.tracker.doubts_velocities else ""
     notes = made.reason, why, str(s.yielding), str(s.dance), str(s.response), doubt
     return replace(made, reason="; ".join(filter(None, notes)))
@@ -84,8 +87,6 @@ def explain(
     memory : Memory
         Memory in which the ants search.
     """
-    if is_cut_off(now.context, now.settings.colony.leg_cells, now.xy):
-        return Decision("stuck", "the map has no path to the goal for this robot", guard=guard, pheromone=pheromone)
     if path is None:
         return Decision("wait", "no motion is safe at the moment: stand", guard=guard, pheromone=pheromone)
     velocity = _velocity(path, now.now)

@@ -344,7 +344,7 @@ class AntwayPolicy:
         delay, acting_at, robot = acting(o, s.task.robot)
         self._plan(acting_at, o.t - o.sensed_at + delay)
         n, m, estimates = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), s.tracker.estimates
-        if n == 0 and is_cut_off(s.detours.without(s.context), s.settings.colony.leg_cells, o.xy):
+        if n == 0 and is_cut_off(s.detours.contexts[-1], s.settings.colony.leg_cells, o.xy):
             return s.controls.stand(), KEPT  # all rollouts are as bad as any other
         turns, doubt = s.tracker.turns, distrust(s.crowd.pool, s.crowd.missed)
         sigma = s.controls.deviations(estimates, s.crowd.velocity_error[: len(estimates)], doubt, turns)
