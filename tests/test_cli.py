@@ -150,6 +150,7 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("run", "paper", "--out", "five.tsp/folder"), "out = 'five.tsp/folder'"),
     (("demo", "--out", "five.tsp"), "out = 'five.tsp'"),
     (("bench", "paper", "--policies", "stop,stop"), "policies = 'stop'"),
+    (("bench", "paper", "--policies", "stop, stop"), "policies = 'stop'"),
     (("bench", "nope"), "tracks:FILE, barn (on the command line also predict, ants)"),
     (("bench", "predict", "walk.csv", "--robot", "jackal"), "robot = 'jackal': must be left out with predict"),
     (("bench", "predict", "walk.csv", "--out", "there"), "out = 'there': must be left out with predict"),

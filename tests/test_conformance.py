@@ -135,3 +135,5 @@ def test_a_planner_that_lies_is_caught():
     assert len(caught.value.violations) == 3
     with pytest.raises(InvalidPlan, match="it returns None, not a Plan"):
         check_planner(lambda problem, *, seed, budget: None)
+    with pytest.raises(InvalidPlan, match="cannot be called as planner"):
+        check_planner(lambda problem: None)

@@ -167,6 +167,11 @@ def _interpret_if_small(cells: int, planner: str) -> None:
         np.seterr(over="ignore")  # unsigned integers overflow, as in compiled kernels
 
 
+def _parts(text: str) -> list[str]:
+    """Return the parts of a list with commas, without the spaces around them."""
+    return [part.strip() for part in text.split(",")]
+
+
 @app.command("run")
 def run_command(
     scenario: ScenarioName,
@@ -231,7 +236,7 @@ def demo_command(
     from antway.demo import run_demo
     from antway.warmup import compiling_beside
 
-    console, shown = Console(stderr=True), policies.split(",")
+    console, shown = Console(stderr=True), _parts(policies)
     with console.status("starting") as status, working("playing the scenes"), compiling_beside(shown[-1]):
 
         def progress(name: str, what: str) -> None:
@@ -298,7 +303,7 @@ def bench_command(
     from antway.arena.summary import markdown, sections, summarise
     from antway.view.report import write_report
 
-    names, kinds = policies.split(","), [checks.choice("export", kind, EXPORTS) for kind in tables.split(",")]
+    names, kinds = _parts(policies), [checks.choice("export", kind, EXPORTS) for kind in _parts(tables)]
     if "parquet" in kinds and find_spec("pyarrow") is None:
         raise BadParameter("export", tables, "csv and json, or install pyarrow (the extra `arena`)")
     cores = os.cpu_count() or 1 if workers is None else workers

@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import random
 import time
@@ -93,6 +94,10 @@ def check_planner(planner: Planner) -> None:
     open_, closed = np.zeros((2, 24, 24), np.bool_)
     open_[4:, 8], open_[:20, 16], closed[:, 12] = True, True, True
     problem = Problem(Grid(open_), (2, 2), (20, 21))
+    try:
+        inspect.signature(planner).bind(problem, seed=5, budget=Budget())
+    except TypeError as wrong:
+        raise InvalidPlan([f"it cannot be called as planner(problem, seed=5, budget=Budget()): {wrong}"]) from None
     before = _global_state()
     plans = [_answer(planner, problem, seed=seed) for seed in (5, 6, 5)]
     if _global_state() != before:
