@@ -142,7 +142,7 @@ class Served:
         goal = kind.read(handle.request)
 
         def done(path: Any, failure: Failure | None) -> None:
-            self._planned(handle, kind, started, path, failure)
+            self._planned(handle, "compute_path_to_pose", started, path, failure)
 
         planner = settings.planner if goal.planner_id in ("", settings.planner_id) else goal.planner_id
         if planner not in PLANNERS:
@@ -153,17 +153,16 @@ class Served:
         start = goal.start if goal.use_start else None
         return self._plan([start, *getattr(goal, "viapoints", ()), goal.goal], planner, done)
 
-    def _planned(self, handle: Any, kind: Kind, started: float, path: Any, failure: Failure | None) -> None:
+    def _planned(self, handle: Any, name: str, started: float, path: Any, failure: Failure | None) -> None:
         """End a goal whose result is a path that was requested at `started` s of the steady clock."""
         if not self.open:
             return
         code, reason = (nav2.NONE, "") if failure is None else (failure.code, failure.reason)
         if reason:
-            name = next(name for name, one in self.kinds.items() if one is kind)
             self.node.get_logger().error(f"{name}: {reason}")
         seconds = time.monotonic() - started
         took = make("builtin_interfaces/msg/Duration", sec=int(seconds), nanosec=int(seconds % 1.0 * 1e9))
-        self._finish(handle, kind, code, path=path, planning_time=took, error_code=code, error_msg=reason)
+        self._finish(handle, self.kinds[name], code, path=path, planning_time=took, error_code=code, error_msg=reason)
 
     def _compute_tour(self, handle: Any) -> None:
         """Serve compute_tour: the path through all goals in the best order, with the goals' yaws."""
@@ -177,7 +176,7 @@ class Served:
                 raise Failure(code - THROUGH, "goals = []: must be at least one")
             places = [self._place(goal.start if goal.use_start else None), *(self._place(one) for one in goals)]
         except Failure as failure:
-            return self._planned(handle, kind, started, path, Failure(THROUGH + failure.code, failure.reason))
+            return self._planned(handle, "compute_tour", started, path, Failure(THROUGH + failure.code, failure.reason))
 
         def answer(xy: Any, failure: Failure | None) -> None:
             if failure is None:
@@ -185,7 +184,7 @@ class Served:
                 for place in places[1:]:
                     nearest = int(np.hypot(*(xy - place[:2]).T).argmin())
                     path.poses[nearest].pose.orientation = convert.pose_message(*place, make).orientation
-            self._planned(handle, kind, started, path, failure)
+            self._planned(handle, "compute_tour", started, path, failure)
 
         return in_thread(node.executor, lambda: find_tour(grid, places, node.settings.robot.radius)[1], answer)
 

@@ -17,6 +17,7 @@ from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
 from antway.planning import standing_cell
 from antway.policies.antway.beside import Beside
+from antway.policies.antway.explain import CUT_OFF
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard, at_scan
 from antway.policies.guard_process import SILENT, GuardProcess
@@ -292,8 +293,7 @@ class Pilot:
         self.command = Command(frames.turn(self.frame[2], passed.velocity), passed.twist)
         decision = self.policy.explain()
         if decision.action == "stuck":
-            near = "" if goal.path is None else f" within {settings.corridor:g} m of the path"
-            reason = f"stuck: the map has no path to the goal for this robot{near}"
+            reason = f"stuck: {CUT_OFF}" + ("" if goal.path is None else f" within {settings.corridor:g} m of the path")
             return self._impatient(t, WARN, reason) or Answer(self.command, WARN, reason)
         self.waiting_since = math.nan
         if did == "braked" and decision.guard != did:

@@ -137,6 +137,14 @@ class Detours:
             return context
         return context._replace(field=self.contexts[0].field * (self.contexts[0].speed / context.speed))
 
+    def is_cut_off(self, xy: XY, far: int) -> bool:
+        """Tell whether the robot can stand at nodes up to `far` rows and columns from `xy`, and none has a path to the goal."""
+        context = self.contexts[-1]
+        row, col = row_col(context, xy)
+        near = np.s_[max(row - far, 0) : max(row + far + 1, 0), max(col - far, 0) : max(col + far + 1, 0)]
+        legal, field = (each.reshape(context.rows, context.cols)[near] for each in (context.legal, context.field))
+        return bool(legal.any() and np.isinf(field[legal > 0]).all())
+
     def _expect(self, t: float, contexts: Contexts) -> Callable[[], Times] | None:
         """Return what computes times in these contexts with all that have stayed for long; None if nothing changes."""
         self._since = self._agreed = t
@@ -235,14 +243,6 @@ def diagonals(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 def row_col(context: PlanningContext, xy: XY) -> tuple[int, int]:
     """Return row and column of the place of nodes that is nearest to `xy`, on the map or beside it."""
     return round((xy[1] - context.y0) / context.resolution), round((xy[0] - context.x0) / context.resolution)
-
-
-def is_cut_off(context: PlanningContext, far: int, xy: XY) -> bool:
-    """Tell whether the robot can stand at nodes up to `far` rows and columns from `xy`, and none has a path to the goal."""
-    row, col = row_col(context, xy)
-    near = np.s_[max(row - far, 0) : max(row + far + 1, 0), max(col - far, 0) : max(col + far + 1, 0)]
-    legal, field = (each.reshape(context.rows, context.cols)[near] for each in (context.legal, context.field))
-    return bool(legal.any() and np.isinf(field[legal > 0]).all())
 
 
 def node_near(context: PlanningContext, xy: XY) -> int:

@@ -16,7 +16,6 @@ from antway.kernels.spacetime.memory import Memory
 from antway.kernels.tracking.predict import ID, RADIUS, VX, VY, X, Y
 from antway.planning import TimedPath
 from antway.policies.antway.alternatives import Snapshot, Weighed, manner
-from antway.policies.antway.detours import is_cut_off
 from antway.policies.antway.state import State
 from antway.policies.antway.tracker import FIRST_OWN_ID
 from antway.policies.encounter import closest_approach, encounter
@@ -26,7 +25,7 @@ _STEPS = {"braked": "brake", "stepped-aside": "step-aside"}
 _SHOWN = 6.0  # s; a decision contains the prediction up to this time ahead
 _STANDS = 1.0  # s; an explanation is renewed after this time, even if the plan stays
 _DOUBT = "the velocities of obstacles that the sensor reports do not fit their places and are not used"
-_CUT_OFF = "the map has no path to the goal for this robot"
+CUT_OFF = "the map has no path to the goal for this robot"
 _LATE = 0.05  # s; a robot that loses less time than this is not held up
 _AWAY = 2.0  # s; a robot on wheels that loses more time than its plan by what it drives next keeps away from obstacles
 _STEP = 0.1  # s; a plan is looked at in steps of this length
@@ -50,8 +49,9 @@ def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.floa
         s.crowd.prediction[:known].copy(),
         s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
     )
-    made = Decision("stuck", _CUT_OFF, guard=s.did[0], pheromone=pheromone)
-    if not is_cut_off(s.detours.contexts[-1], s.settings.colony.leg_cells, seen.xy):
+    if s.detours.is_cut_off(seen.xy, s.settings.colony.leg_cells):
+        made = Decision("stuck", CUT_OFF, guard=s.did[0], pheromone=pheromone)
+    else:
         made = explain(snapshot, s.path, arrival - t, bound - t, *s.did, pheromone, memory)
     doubt = _DOUBT if s.tracker.doubts_velocities else ""
     notes = made.reason, why, str(s.yielding), str(s.dance), str(s.response), doubt

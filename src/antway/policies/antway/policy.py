@@ -27,7 +27,7 @@ from antway.planning import TimedPath
 from antway.policies.antway.beside import Beside
 from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.controls import ControlColony
-from antway.policies.antway.detours import Detours, is_cut_off
+from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain_cycle
 from antway.policies.antway.nodes import contexts_for, is_turned, on_cells, with_fine_cells
 from antway.policies.antway.rehearsal import rehearse
@@ -344,7 +344,7 @@ class AntwayPolicy:
         delay, acting_at, robot = acting(o, s.task.robot)
         self._plan(acting_at, o.t - o.sensed_at + delay)
         n, m, estimates = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), s.tracker.estimates
-        if n == 0 and is_cut_off(s.detours.contexts[-1], s.settings.colony.leg_cells, o.xy):
+        if n == 0 and s.detours.is_cut_off(o.xy, s.settings.colony.leg_cells):
             return s.controls.stand(), KEPT  # all rollouts are as bad as any other
         turns, doubt = s.tracker.turns, distrust(s.crowd.pool, s.crowd.missed)
         sigma = s.controls.deviations(estimates, s.crowd.velocity_error[: len(estimates)], doubt, turns)
