@@ -42,7 +42,7 @@ from antway.errors import BadInput, BadParameter
 from antway.policies.guard import Guard
 from antway.policies.guard_memory import SIDES, SIZE, Answer, Link
 from antway.processes import spare_collections
-from antway.world.policy import Command, Observation, Policy, RobotSpec, Task, Tracks
+from antway.world.policy import Command, Observation, Policy, Task, Tracks
 
 SILENT = "silent"
 ALIVE = "running; start another one (the ROS 2 node does at its next configure)"
@@ -101,8 +101,7 @@ class GuardProcess:
             self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
             undo.callback(self.close)
             self._tell((self.folder, self.deadline, self.slack, emit, guard, os.getpid()))
-            self.robot: RobotSpec | None = None  # of the last task
-            self.reset(task)
+            self._reset(task, _START)
             undo.pop_all()
 
     def _tell(self, what: object) -> None:
@@ -119,11 +118,13 @@ class GuardProcess:
             If the process has ended, or is not ready within 5 s (300 s for a new robot); it is killed then. The robot needs
             another `GuardProcess` in either case.
         """
+        self._reset(task, _READY if task.robot == self.task.robot else _START)
+
+    def _reset(self, task: Task, seconds: float) -> None:
         assert self.process.stdout is not None
         if not self.alive:
             raise BadParameter("the guard's process", "ended", ALIVE)
-        seconds = _READY if task.robot == self.robot else _START
-        self.task, self.robot, killer = task, task.robot, threading.Timer(seconds, self.process.kill)
+        self.task, killer = task, threading.Timer(seconds, self.process.kill)
         killer.start()
         try:
             with contextlib.suppress(BrokenPipeError):  # a process that has ended is not ready
