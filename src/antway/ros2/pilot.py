@@ -15,18 +15,17 @@ from numpy.typing import NDArray
 from antway.errors import BadInput
 from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
-from antway.planning import standing_cell
 from antway.policies.antway.beside import Beside
 from antway.policies.antway.explain import CUT_OFF
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard, at_scan
 from antway.policies.guard_process import SILENT, GuardProcess
-from antway.processes import spare_collections
 from antway.ros2 import frames
 from antway.ros2.frames import Odometry, Pose
 from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
 from antway.ros2.markers import predictions, shades
-from antway.ros2.path import corridor, keeps_near, length_after
+from antway.ros2.outset import same_path, set_out
+from antway.ros2.path import length_after
 from antway.ros2.settings import Settings
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.robots import towards
@@ -58,6 +57,7 @@ class Pilot:
         robot = settings.robot
         self.sent = np.zeros((math.ceil(robot.latency / robot.dt - 1e-9), 2))  # commands that do not act yet
         self.policy: AntwayPolicy | None = None
+        self.bound_for: Goal | None = None  # the goal that the policy drives to: not yet a new one
         self.planning: tuple[Grid, Goal, Beside[AntwayPolicy | BadInput]] | None = None  # for a map and a goal
         self.turner: Guard | None = None  # while it turns in place at a goal
         self.guard: Guard | GuardProcess | None = None  # keeps the stop that follows the last command; None: STAND stops it
@@ -99,22 +99,28 @@ class Pilot:
         return kept[1]
 
     def go(self, goal: Goal) -> Answer | None:
-        """Receive a goal, which replaces the previous one, without a stop if it follows the same path.
+        """Receive a goal, which replaces the previous one.
 
+        A robot that drives to the previous one does so until it has planned for this one, and drives on without a stop.
         Waiting time and progress continue if the new goal is at the same place.
         """
-        before, self.goal, self.turner = self.goal, goal, None
+        before, self.goal = self.goal, goal
         if before is None or math.dist(before.xy, goal.xy) > self.settings.task["goal_tolerance"]:
             self._restart()
-        if before is not None and self.policy is not None and self._same_path(before, goal):
-            self.goal = replace(goal, path=before.path)
-            return Answer(self.command, OK, "the path is refreshed", End.REPLACED)
-        self.policy = None
-        if self.guard is None:
+        if self.turner is not None:
+            self.policy = self.turner = None
+        if self.policy is None and self.guard is None:
             self.due = -math.inf
         if before is None:
             return None
-        return self._hold(OK, f"the goal {frames.shown(before.xy)} is pre-empted by {frames.shown(goal.xy)}", End.REPLACED)
+        reason = f"the goal {frames.shown(before.xy)} is pre-empted by {frames.shown(goal.xy)}"
+        if self.policy is None:
+            return self._hold(OK, reason, End.REPLACED)
+        if self._same_path(before, goal):
+            # The place stays, too: small steps of it would add up, and the policy would stand where the goal has been.
+            self.goal, reason = replace(goal, xy=before.xy, path=before.path), "the path is refreshed"
+            self.bound_for = self.goal if self.bound_for is before else self.bound_for
+        return Answer(self.command, OK, reason, End.REPLACED)
 
     def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> Answer:
         """Stop, and end the goal."""
@@ -244,10 +250,10 @@ class Pilot:
 
     def _decide(self, goal: Goal, odometry: Odometry) -> Answer:
         """Return the command of a control period, or why the robot stands."""
-        settings, t, xy = self.settings, odometry.t, odometry.xy
-        tolerance = settings.task["goal_tolerance"]
+        settings, t, xy, tolerance = self.settings, odometry.t, odometry.xy, self.settings.task["goal_tolerance"]
+        anew = self.policy is None or self.bound_for is not goal
         if math.dist(goal.xy, xy) <= tolerance:
-            if self.policy is None and goal.path is not None and length_after(goal.path, xy, tolerance) > _LOOP * tolerance:
+            if anew and goal.path is not None and length_after(goal.path, xy, tolerance) > _LOOP * tolerance:
                 reason = "the path is refused: it ends where the robot is, and loops are not driven"
                 return self.drop(reason, End.REFUSED, ERROR)
             off = math.nan
@@ -268,18 +274,15 @@ class Pilot:
             age, late = ("older", "the sensor") if stamp < t else ("newer", "odometry")
             reason = f"obstacles are {abs(t - stamp):.2f} s {age} than odometry: {late} is silent, or its clock is late"
             return self._wait(t, ERROR, reason)
-        if self.policy is None:
+        if anew:
             try:
-                planned = self._planned(goal, self.map, xy)
-                if planned is None:
-                    return self._hold(OK, "the robot plans before it sets out")
-                if isinstance(planned, BadInput):
-                    return self.drop(f"the goal is refused: {planned}", End.REFUSED, ERROR)
-                if self.guard_process is not None:
-                    self.guard_process.reset(planned.task)
+                refused = self._set_out(goal, self.map, odometry)
             except BadInput as wrong:
                 return self._wait(t, ERROR, self._guard_ended() or f"the robot cannot set out: {wrong}")
-            self.policy, self.started, self.progress = planned, t, (math.nan, xy)
+            if refused is not None:
+                return self.drop(f"the goal is refused: {refused}", End.REFUSED, ERROR)
+        if self.policy is None:
+            return self._hold(OK, "the robot plans before it sets out")
         # Planning may have taken long, so progress counts from the next odometry on.
         if self.started < t and (math.isnan(self.progress[0]) or math.dist(xy, self.progress[1]) >= settings.progress_radius):
             self.progress = (t, xy)
@@ -393,39 +396,34 @@ class Pilot:
         long = self.goal is not None and self.goal.gives_up and t - self.waiting_since > self.settings.wait_timeout
         return self.drop(reason, End.WAITED, level) if long else None
 
-    def _planned(self, goal: Goal, grid: Grid, xy: XY) -> AntwayPolicy | BadInput | None:
-        """Return the policy to set out with, or why the goal is refused; None while a thread makes it, for a large map."""
-        made = self.planning
-        if made is None or made[0] is not grid or (made[1] is not goal and not self._same_path(made[1], goal)):
-            work = partial(self._set_out, grid, self.grid, goal, frames.move_point(frames.inverse(self.frame), xy))
-            made = self.planning = grid, goal, Beside(grid.blocked.size, 0.0, work)
+    def _set_out(self, goal: Goal, grid: Grid, odometry: Odometry) -> BadInput | None:
+        """Set out for a goal with a policy that a thread makes where the robot drives or the map is large, once it is there.
+
+        Return why the goal is refused. A robot that drives finishes a plan for an earlier goal first, or it would never follow
+        goals that come faster than it plans.
+        """
+        made, drives = self.planning, self.policy is not None
+        if made is None or made[0] is not grid or not (drives or made[1] is goal or self._same_path(made[1], goal)):
+            work = partial(set_out, self.settings, grid, self.inflated_grid, (self.grid, self.frame), goal, odometry.xy)
+            made = self.planning = grid, goal, Beside(grid.blocked.size, 0.0, work, 0 if drives else None)
         if not made[2].done:
             return None
         self.planning = None
-        return made[2].result()
-
-    def _set_out(self, given: Grid, grid: Grid, goal: Goal, here: XY) -> AntwayPolicy | BadInput:
-        """Return a newly started policy, or why the goal is refused; its map is that of the goal's corridor, if it has one."""
-        settings, into = self.settings, frames.inverse(self.frame)
-        try:
-            standing_cell("goal", goal.xy, given, self.inflated_grid(given), settings.robot.radius)
-        except BadInput as wrong:
-            return wrong
-        if goal.path is not None:
-            grid = corridor(grid, np.vstack((here, frames.move(into, goal.path))), settings.corridor + settings.robot.radius)
-        policy = AntwayPolicy(**settings.policy)
-        policy.reset(Task(grid, settings.robot, here, frames.move_point(into, goal.xy), **settings.task), 0)
-        spare_collections()
-        return policy
+        planned = made[2].result()
+        if isinstance(planned, BadInput):
+            return planned if made[1] is goal else None
+        if self.policy is None:
+            if self.guard_process is not None:
+                self.guard_process.reset(replace(planned.task, grid=self.grid))
+            self.started, self.progress = odometry.t, (math.nan, odometry.xy)
+        else:
+            planned.take_over(self.policy, odometry.t - self.started)
+        self.policy, self.bound_for = planned, goal if self._same_path(made[1], goal) else made[1]
+        return None
 
     def _same_path(self, before: Goal, goal: Goal) -> bool:
         """Tell whether `goal` is the previous one, without a path or with one in the inner half of the same corridor."""
-        if before.path is None or goal.path is None:
-            return before.path is goal.path and before == goal
-        if math.dist(before.xy, goal.xy) > self.grid.resolution:
-            return False
-        path, other = (frames.move(frames.inverse(self.frame), path) for path in (before.path, goal.path))
-        return keeps_near(self.grid, path, other, self.settings.corridor / 2)
+        return same_path(before, goal, (self.grid, self.frame), self.settings.corridor)
 
     # What is shown
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter
-from antway.grid import Moves
+from antway.grid import Grid, Moves
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import CONTACT_RADIUS
 from antway.kernels.base.rng import make_state
@@ -21,7 +21,6 @@ from antway.kernels.crossing import ARRIVAL, BOUND, KEPT, KNOT_COUNT, NEW, NEXT_
 from antway.kernels.sidestep import sidestep
 from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.pheromone import window
-from antway.kernels.tracking.predict import crosses_edge
 from antway.kernels.tracking.prediction_error import distrust
 from antway.planning import TimedPath
 from antway.policies.antway.beside import Beside
@@ -38,7 +37,6 @@ from antway.policies.antway.state import (
     State,
     adapt_settings,
     carried_on,
-    fit_tables,
     full_and_careful,
     laid_trails,
     make_crowd,
@@ -48,7 +46,7 @@ from antway.policies.antway.state import (
     other_times,
     set_times,
     shared_memory,
-    without_edges,
+    update_tracks,
 )
 from antway.policies.antway.tracker import Tracker
 from antway.policies.antway.yielding import Yielding
@@ -174,6 +172,20 @@ class AntwayPolicy:
         if self.guard:
             self.guard.reset(task)
 
+    def set_surroundings(self, grid: Grid) -> None:
+        """Predict and guard on `grid`, of which the task's map is a part: obstacles do not bounce off a path's corridor."""
+        s = self._state
+        s.surroundings, s.terrain = grid, terrain_of(grid)
+        if self.guard is not None:
+            self.guard.set_robot(replace(s.task, grid=grid))
+
+    def take_over(self, other: AntwayPolicy, t: float) -> None:
+        """Go on at `t` s where `other` drives the same robot, with all that it knows and its guard, for the task of `reset`."""
+        new, old, self.guard = self._state, other._state, other.guard
+        own = {name: getattr(new, name) for name in ("surroundings", "terrain", "yielding")}
+        self.state = replace(carried_on(new, old), response=old.response, **own)
+        self._suit_response(t)
+
     def _made(self, task: Task, seed: int, response: Response, heading: float) -> State:
         """Return the state of an episode at its start."""
         robot, controls, horizon, tracker = task.robot, None, 0.0, Tracker(self.mode == "strict")
@@ -192,6 +204,7 @@ class AntwayPolicy:
         cells = context.rows * context.cols
         return State(
             task=task,
+            surroundings=task.grid,
             terrain=terrain_of(task.grid),
             settings=settings,
             paces=paces,
@@ -253,7 +266,7 @@ class AntwayPolicy:
         observation = s.tracker.corrected(as_sensed)
         if s.tracker.doubts_velocities != doubted:  # predictions were from other velocities
             s.crowd = make_crowd(s.task, len(s.crowd.people.rows))
-        self._update_tracks(observation)
+        update_tracks(s, observation, self.mode == "strict")
         if observation.sensed_at >= s.detours.due:
             self._look_for_detours(observation)
             s = self._state
@@ -295,28 +308,12 @@ class AntwayPolicy:
         if s.controls is not None:
             s.controls.set_response(task.robot)
         if self.guard is not None:
-            self.guard.set_robot(task)
+            self.guard.set_robot(replace(task, grid=s.surroundings))
         s.task, s.decision, s.until = task, None, -math.inf
 
     def sent(self, observation: Observation, command: Command) -> None:
         """Take note of the command that was sent in place of the one returned for an observation."""
         self._state.response.record(observation, command)
-
-    def _update_tracks(self, o: Observation) -> None:
-        """Update the track estimates with a scan."""
-        s, t = self._state, o.sensed_at
-        fit_tables(s, len(o.tracks))
-        s.tracker.update(o.tracks, t, s.terrain, o.xy, s.task.robot.sensor_range)
-        s.tracker.compare(t, s.terrain, s.crowd.changes)
-        estimates = s.tracker.estimates
-        # A track that is not in this scan may have turned back at the edge already.
-        outside = len(estimates) > 0 and s.settings.tubes.edges and call(crosses_edge, estimates, s.terrain)
-        if outside and call(crosses_edge, s.tracker.seen_at(t), s.terrain):
-            s.settings = without_edges(s.settings)
-        if self.mode == "strict":
-            s.crowd.averaged[: len(estimates)] = estimates
-        else:
-            s.tracker.average(t, s.crowd.changes, not s.task.robot.stepwise, s.crowd.averaged)
 
     def _look_for_detours(self, o: Observation) -> None:
         """If obstacles have stayed where they are for long, plan anew with times that count with that, or give way to one."""

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.grid import Grid
+from antway.kernels.base.jit import call
 from antway.kernels.base.records import Terrain
 from antway.kernels.controls.problem import StaticField
 from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, Crowd, PlanInUse, Settings
@@ -17,7 +19,7 @@ from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.kernels.tracking import crowd, curves, prediction_error
-from antway.kernels.tracking.predict import ID
+from antway.kernels.tracking.predict import ID, crosses_edge
 from antway.kernels.tracking.table import make_table
 from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
@@ -44,6 +46,10 @@ class State:
 
     Attributes
     ----------
+    surroundings : Grid
+        The map on which obstacles move; that of the task may be a part of it.
+    terrain : Terrain
+        The same for kernels.
     paces : pair of (PlanningContext, stopping time in s)
         For full speed while no track is known, and for the slower pace among tracks.
     context : PlanningContext
@@ -82,6 +88,7 @@ class State:
     """
 
     task: Task
+    surroundings: Grid
     terrain: Terrain
     settings: Settings
     paces: Paces
@@ -205,7 +212,9 @@ def carried_on(new: State, old: State) -> State:
     drop_plan(old.plan)
     new.detours.stays = old.detours.stays
     settings = new.settings if old.settings.tubes.edges else without_edges(new.settings)
-    known = {name: getattr(old, name) for name in ("plan", "crowd", "tracker", "started", "yielding")}
+    known = {
+        name: getattr(old, name) for name in ("surroundings", "terrain", "plan", "crowd", "tracker", "started", "yielding")
+    }
     return replace(new, settings=settings, **known)
 
 
@@ -256,6 +265,23 @@ def fit_tables(s: State, tracks: int) -> None:
         stored=longer_table(c.stored, n),
         velocity_error=longer(c.velocity_error, n),
     )
+
+
+def update_tracks(s: State, o: Observation, strict: bool) -> None:
+    """Update the track estimates with a scan."""
+    t = o.sensed_at
+    fit_tables(s, len(o.tracks))
+    s.tracker.update(o.tracks, t, s.terrain, o.xy, s.task.robot.sensor_range)
+    s.tracker.compare(t, s.terrain, s.crowd.changes)
+    estimates = s.tracker.estimates
+    # A track that is not in this scan may have turned back at the edge already.
+    outside = len(estimates) > 0 and s.settings.tubes.edges and call(crosses_edge, estimates, s.terrain)
+    if outside and call(crosses_edge, s.tracker.seen_at(t), s.terrain):
+        s.settings = without_edges(s.settings)
+    if strict:
+        s.crowd.averaged[: len(estimates)] = estimates
+    else:
+        s.tracker.average(t, s.crowd.changes, not s.task.robot.stepwise, s.crowd.averaged)
 
 
 def adapt_settings(s: State, now: float, horizon: float) -> None:
