@@ -271,6 +271,22 @@ def ready(goal: Goal | None = None, **changes) -> Drive:
     return drive
 
 
+def until(drive: Drive, done: Callable[[Answer], bool]) -> Answer:
+    """Step until an answer is as wanted, which may take a thread that plans some time."""
+    for _ in range(500):
+        answer = drive.step()
+        if done(answer):
+            return answer
+        time.sleep(0.01)
+    raise AssertionError("not within 5 s")
+
+
+def planned_for(drive: Drive, goal: Goal) -> AntwayPolicy:
+    """Step until the policy for a goal drives, and return it."""
+    until(drive, lambda answer: drive.pilot.bound_for is goal and answer.drives)
+    return drive.pilot.policy
+
+
 def test_the_pilot_waits_for_what_is_missing():
     """Without a map and without obstacles it stands and says so; with both it drives; at the goal it is done."""
     drive = Drive()
@@ -453,23 +469,27 @@ def test_maps_may_change_on_the_way():
     assert drive.pilot.receive_map(Grid(ROOM.blocked, 0.2)) is None and drive.pilot.policy is policy
     wall = ROOM.blocked.copy()
     wall[:30, 30] = True
-    assert drive.pilot.receive_map(Grid(wall, 0.2)).reason == "the map has changed"
-    assert drive.step().drives and drive.pilot.policy is not policy
+    answer = drive.pilot.receive_map(Grid(wall, 0.2))
+    assert answer.reason == "the map has changed" and answer.drives
+    assert drive.pilot.policy is policy and policy.guard.grid.shape == (31, 31), "the walls near the robot count at once"
+    policy = planned_for(drive, drive.pilot.goal)
+    assert policy.guard.grid is drive.pilot.grid
     grown = np.pad(wall, ((5, 0), (10, 20)))  # as that of a SLAM, whose origin moves
-    assert drive.pilot.receive_map(Grid(grown, 0.2, (-2.0, -1.0, 0.0))).reason == "the map has changed"
-    assert drive.step().drives and drive.pilot.policy.task.goal == (10.0, 2.0)
+    assert drive.pilot.receive_map(Grid(grown, 0.2, (-2.0, -1.0, 0.0))).drives
+    assert planned_for(drive, drive.pilot.goal).task.goal == (10.0, 2.0)
     wall[5:15, 45:55] = True
     drive.pilot.receive_map(Grid(wall, 0.2))
-    answer = drive.step()
+    answer = until(drive, lambda answer: answer.end is not None)
     assert answer.end is End.REFUSED and "refused" in answer.reason
     drive = ready()
     wall = ROOM.blocked.copy()
     wall[9:12, 9:12] = True  # on the robot itself: it waits there for a better map
     drive.pilot.receive_map(Grid(wall, 0.2))
-    assert "cannot set out" in drive.step().reason
+    assert "cannot set out" in until(drive, lambda answer: not any(answer.command.velocity)).reason
     drive.pilot.receive_map(ROOM)
-    assert drive.step().drives
-    drive.pilot.receive_map(Grid(np.zeros((60, 60), bool), 0.2, (12.0, 0.0, math.pi / 2)))
+    planned_for(drive, drive.pilot.goal)
+    answer = drive.pilot.receive_map(Grid(np.zeros((60, 60), bool), 0.2, (12.0, 0.0, math.pi / 2)))
+    assert answer.command is STAND, "what it knows is in the frame of the map before"
     vx, vy = drive.step().command.velocity
     assert vx > 0.9 and abs(vy) < 0.1, "commands are in the map's frame, however its cells are turned"
 
@@ -481,19 +501,23 @@ def test_without_a_path_the_robot_stands_and_says_where_there_is_none() -> None:
     for gives_up in (True, False):
         drive = ready(Goal((10.0, 2.0), gives_up=gives_up), wait_timeout=1.0)
         drive.pilot.receive_map(Grid(wall, 0.2))
+        assert "stuck: the map has no path" in until(drive, lambda answer: not any(answer.command.velocity)).reason
         answers = [drive.step() for _ in range(14)]
         assert all(a.level == WARN and a.command.velocity == (0.0, 0.0) for a in answers if a is not None)
-        assert "stuck: the map has no path" in answers[1].reason
         ends = [a.end for a in answers if a is not None and a.end is not None]
         assert ends == ([End.WAITED] if gives_up else [])
         drive.pilot.receive_map(ROOM)
-        drive.step()
-        assert (drive.step() is None) == gives_up
+        if gives_up:
+            assert drive.step() is None
+        else:
+            planned_for(drive, drive.pilot.goal)
     behind = np.array([[2.0, 2.0], [10.0, 2.0]])
     wall[30:, 30] = False
     drive = ready(Goal((10.0, 2.0), behind, gives_up=True))
     drive.pilot.receive_map(Grid(wall, 0.2))
-    assert drive.step().reason.endswith("for this robot within 2 m of the path")
+    assert until(drive, lambda answer: not any(answer.command.velocity)).reason.endswith(
+        "for this robot within 2 m of the path"
+    )
 
 
 def test_people_walk_through_the_edges_of_a_corridor() -> None:
@@ -504,25 +528,15 @@ def test_people_walk_through_the_edges_of_a_corridor() -> None:
     drive.step(crossing)
     state = drive.pilot.policy.state
     assert state.terrain.blocked.shape == ROOM.shape and state.task.grid.shape != ROOM.shape
-    assert drive.pilot.policy.guard.task.grid is drive.pilot.grid
+    assert drive.pilot.policy.guard.grid is drive.pilot.grid
     rows = state.plan.segments[: int(state.plan.state[SEGMENT_COUNT])]
     assert (rows[:, VY] == -1.0).all(), "on through both edges, until the wall"
     again = Goal((10.0, 2.5), path + np.array([0.0, 0.5]))
     drive.pilot.go(again)
     policy = planned_for(drive, again)
-    assert policy.state.terrain.blocked.shape == ROOM.shape and policy.guard.task.grid is drive.pilot.grid
+    assert policy.state.terrain.blocked.shape == ROOM.shape and policy.guard.grid is drive.pilot.grid
     policy._suit_response(drive.t)
-    assert policy.guard.task.grid is drive.pilot.grid
-
-
-def planned_for(drive: Drive, goal: Goal) -> AntwayPolicy:
-    """Step until the policy for a goal is there, and return it; meanwhile the robot drives by the one before."""
-    for _ in range(500):
-        assert drive.step().drives
-        if drive.pilot.bound_for is goal:
-            return drive.pilot.policy
-        time.sleep(0.01)
-    raise AssertionError("no policy for the new goal within 5 s")
+    assert policy.guard.grid is drive.pilot.grid
 
 
 def test_goals_are_replaced_and_dropped():
@@ -558,11 +572,7 @@ def test_goals_that_come_faster_than_it_plans_are_followed() -> None:
     assert len(bound_for) > 3 and drive.pilot.policy is not first
     planned_for(drive, goals[-1])
     drive.pilot.go(Goal((-5.0, 2.0)))
-    for _ in range(500):
-        answer = drive.step()
-        if answer.end is not None:
-            break
-        time.sleep(0.01)
+    answer = until(drive, lambda answer: answer.end is not None)
     assert answer.end is End.REFUSED and drive.pilot.policy is None
 
 

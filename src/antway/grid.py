@@ -142,7 +142,8 @@ class Grid:
         same_place = bool(self.resolution == other.resolution and self.origin == other.origin)
         return same_place and bool(np.array_equal(self.blocked, other.blocked) and np.array_equal(mine, theirs))
 
-    __hash__ = None  # type: ignore[assignment]
+    def __hash__(self) -> int:
+        return hash((self.shape, self.resolution, self.origin))
 
     def __repr__(self) -> str:
         (rows, cols), turn = self.shape, "" if self.origin[2] == 0.0 else f", turned by {self.origin[2]:.3g} rad"

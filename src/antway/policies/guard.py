@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter, TooLarge
+from antway.grid import Grid
 from antway.kernels.base.jit import call, entry
 from antway.kernels.base.records import PEOPLE_ACCEL, RobotState, Walls
 from antway.kernels.robot import guard as kernel
@@ -152,15 +153,18 @@ class Guard:
         self.dynamic: _Dynamic | None = None
         self.set_robot(task)
 
-    def set_robot(self, task: Task) -> None:
-        """Guard the robot of `task` from now on, which is that of `reset` with another latency or other accelerations."""
+    def set_robot(self, task: Task, grid: Grid | None = None) -> None:
+        """Guard the robot of `task` from now on, which is that of `reset` with another latency or other accelerations.
+
+        `grid` has the walls, if not all those of the task's map are walls; it may be the part of a map that is near the robot.
+        """
         robot, self.task = task.robot, task
-        strict = self.mode == "strict"
-        self.dynamic = None if robot.stepwise else _Dynamic(task, self.mode, self.dynamic)
-        self.walls = walls_of(task.grid) if strict and robot.stepwise else None
+        strict, self.grid = self.mode == "strict", task.grid if grid is None else grid
+        self.dynamic = None if robot.stepwise else _Dynamic(task, self.grid, self.mode, self.dynamic)
+        self.walls = walls_of(self.grid) if strict and robot.stepwise else None
         self.bounds[kernel.BOUND_CHANGE] = assumed_accel(task, self.mode)
         self.bounds[kernel.STRICT] = float(strict or not robot.stepwise)
-        self.rules = kernel.Rules(robot.limits, terrain_of(task.grid), robot.dt, self.lookahead, strict)
+        self.rules = kernel.Rules(robot.limits, terrain_of(self.grid), robot.dt, self.lookahead, strict)
         # The kernel is loaded now, because to load it in the first cycle would delay that.
         entry(kernel.guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.rules)
 
@@ -246,12 +250,12 @@ def _bounded(rows: NDArray[np.float64], n: int, seen: NDArray[np.bool_], swerve:
 class _Dynamic:
     """The guard's part for robots with inertia, wheels, latency or a footprint."""
 
-    def __init__(self, task: Task, mode: str, before: _Dynamic | None) -> None:
+    def __init__(self, task: Task, grid: Grid, mode: str, before: _Dynamic | None) -> None:
         robot = self.robot = task.robot
         self.strict, self.swerve = mode == "strict", assumed_swerve(task, mode)
         self.late = math.ceil(robot.latency / robot.dt - 1e-9)  # number of commands that do not act yet
         self.rows, near, self.keep = np.empty((_TRACKS, COLUMNS)), np.empty((_TRACKS, COLUMNS)), np.array([0.0, 0.0, -1.0])
-        self.record = Robot(robot.limits, body_of(robot), walls_of(task.grid), robot.dt, _MARGIN, self.strict, near, self.keep)
+        self.record = Robot(robot.limits, body_of(robot), walls_of(grid), robot.dt, _MARGIN, self.strict, near, self.keep)
         # The kernel is loaded now, because to load it in the first cycle would delay that.
         entry(passed_among, _AT_REST, self.rows[:0, :2].copy(), self.rows[:0], self.record, 0.0)
         self.sent = np.zeros((self.late, 2))

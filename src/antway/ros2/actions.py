@@ -20,6 +20,7 @@ from antway.ros2.frames import Pose
 from antway.ros2.goals import End, Goal
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import Failure, Kind, in_thread
+from antway.ros2.outset import inflated
 from antway.ros2.path import tracking
 from antway.ros2.pilot import Pilot
 from antway.ros2.tours import THROUGH, Visit, find_tour
@@ -92,8 +93,9 @@ class Served:
             done(path, failure)
 
         def work() -> NDArray[np.float64]:
-            inflated, radius = node.pilot.inflated_grid(grid), settings.robot.radius
-            return nav2.find_path(grid, inflated, [p[:2] for p in places], radius, planner, settings.plan_time, tolerance)
+            radius = settings.robot.radius
+            wide = inflated(grid, radius)
+            return nav2.find_path(grid, wide, [p[:2] for p in places], radius, planner, settings.plan_time, tolerance)
 
         return in_thread(node.executor, work, answer)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -20,19 +20,22 @@ from antway.ros2.settings import Settings
 from antway.world.policy import XY, Task
 
 
-def set_out(
-    settings: Settings, given: Grid, inflate: Callable[[Grid], Grid], level: tuple[Grid, Pose], goal: Goal, xy: XY
-) -> AntwayPolicy | BadInput:
+@lru_cache(maxsize=1)
+def inflated(grid: Grid, radius: float) -> Grid:
+    """Return `grid` inflated by `radius` m; the newest one is kept, and any thread may ask for it."""
+    return grid.inflate(radius)
+
+
+def set_out(settings: Settings, given: Grid, level: tuple[Grid, Pose], goal: Goal, xy: XY) -> AntwayPolicy | BadInput:
     """Return a newly started policy for a robot at `xy` on the map `given`, or why the goal is refused.
 
-    `inflate` inflates the map by the robot's radius, and `level` is what `frames.level` returns for it. The policy's map is
-    that of the goal's corridor, if it has one.
+    `level` is what `frames.level` returns for the map. The policy's map is that of the goal's corridor, if it has one.
     """
     grid, frame = level
     into = frames.inverse(frame)
     here = frames.move_point(into, xy)
     try:
-        standing_cell("goal", goal.xy, given, inflate(given), settings.robot.radius)
+        standing_cell("goal", goal.xy, given, inflated(given, settings.robot.radius), settings.robot.radius)
     except BadInput as wrong:
         return wrong
     if goal.path is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -33,18 +33,29 @@ def corridor(grid: Grid, path: NDArray[np.float64], width: float) -> Grid:
     >>> part.origin, part.shape
     ((0.0, 3.0, 0.0), (3, 9))
     """
-    size, (rows, cols), cells = grid.resolution, grid.shape, _cells_along(grid, path)
-    pad = math.ceil(width / size)
-    low = np.clip(cells.min(axis=0) - pad, 0, (rows - 1, cols - 1))
-    high = np.clip(cells.max(axis=0) + pad, 0, (rows - 1, cols - 1))
-    far = np.ones(high - low + 1, bool)
-    inside = ((cells >= low) & (cells <= high)).all(axis=1)
+    cells = _cells_along(grid, path)
+    part, low = _window(grid, cells, width)
+    far = np.ones(part.shape, bool)
+    inside = ((cells >= low) & (cells < low + part.shape)).all(axis=1)
     far[tuple((cells[inside] - low).T)] = False
-    far = scipy.ndimage.distance_transform_edt(far) * size > width
-    window = slice(low[0], high[0] + 1), slice(low[1], high[1] + 1)
-    unknown = None if grid.unknown is None else grid.unknown[window]
-    corner = grid.origin[0] + float(low[1]) * size, grid.origin[1] + float(low[0]) * size, 0.0
-    return Grid(grid.blocked[window] | far, size, corner, unknown)
+    far = scipy.ndimage.distance_transform_edt(far) * grid.resolution > width
+    return replace(part, blocked=part.blocked | far)
+
+
+def around(grid: Grid, xy: XY, reach: float) -> Grid | None:
+    """Return the part of `grid` up to `reach` m from the row and column of `xy`; None if that is not on the map."""
+    cell = _cells_of(grid, np.array([xy]))
+    return _window(grid, cell, reach)[0] if ((cell >= 0) & (cell < grid.shape)).all() else None
+
+
+def _window(grid: Grid, cells: NDArray[np.int64], pad: float) -> tuple[Grid, NDArray[np.int64]]:
+    """Return the smallest part of `grid` that holds what is on it of `cells` and `pad` m around them, and its first cell."""
+    more, last = math.ceil(pad / grid.resolution), np.array(grid.shape) - 1
+    low, high = np.clip(cells.min(axis=0) - more, 0, last), np.clip(cells.max(axis=0) + more, 0, last)
+    part = slice(low[0], high[0] + 1), slice(low[1], high[1] + 1)
+    unknown = None if grid.unknown is None else grid.unknown[part]
+    x, y = grid.origin[0] + float(low[1]) * grid.resolution, grid.origin[1] + float(low[0]) * grid.resolution
+    return Grid(grid.blocked[part], grid.resolution, (x, y, 0.0), unknown), low
 
 
 def keeps_near(grid: Grid, path: NDArray[np.float64], other: NDArray[np.float64], width: float) -> bool:

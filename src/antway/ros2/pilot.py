@@ -25,7 +25,7 @@ from antway.ros2.frames import Odometry, Pose
 from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
 from antway.ros2.markers import predictions, shades
 from antway.ros2.outset import same_path, set_out
-from antway.ros2.path import length_after
+from antway.ros2.path import around, length_after
 from antway.ros2.settings import Settings
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.robots import towards
@@ -49,7 +49,7 @@ class Pilot:
         self.settings, self.guard_process = settings, guard_process
         self.number = 0  # number of the guard process's observation; 0 while it rests
         self.map: Grid | None = None
-        self.inflated: tuple[Grid, Grid] | None = None  # a map, and that map inflated by the robot's radius
+        self.frame = frames.HERE  # of the map, in which its yaw is 0
         self.goal: Goal | None = None
         self.scan: tuple[float, Tracks] | None = None
         self.odometry: Odometry | None = None
@@ -76,11 +76,21 @@ class Pilot:
     # What comes in
 
     def receive_map(self, grid: Grid) -> Answer | None:
-        """Receive a map; if it is new, the robot stands and plans again."""
+        """Receive a map; if it is new, the robot plans again.
+
+        A robot that drives keeps off the new walls around it at once, and drives on; not so with a guard process.
+        """
         if self.map is not None and grid == self.map:
             return None
-        self.map, self.policy, self.turner = grid, None, None
+        before, self.map, self.bound_for = self.frame, grid, None
         self.grid, self.frame = frames.level(grid)
+        policy, o, stands = self.policy, self.odometry, self.turner is not None or self.guard_process is not None
+        if policy is not None and o is not None and not stands and self.frame == before:
+            near = around(self.grid, frames.move_point(frames.inverse(self.frame), o.xy), self.settings.robot.sensor_range)
+            if near is not None:
+                policy.set_surroundings(near)
+                return Answer(self.command, WARN, "the map has changed")
+        self.policy = self.turner = None
         return None if self.goal is None else self._hold(WARN, "the map has changed")
 
     def overtaken(self, t: float) -> bool:
@@ -90,13 +100,6 @@ class Pilot:
     def is_late(self, t: float) -> bool:
         """Tell whether odometry of `t` s comes after newer odometry; by more than a control period is a jump of the clock."""
         return self.odometry is not None and 0.0 < self.odometry.t - t <= self.settings.robot.dt
-
-    def inflated_grid(self, grid: Grid) -> Grid:
-        """Return `grid` inflated by the robot's radius; the newest one is kept. Any thread may call this."""
-        kept = self.inflated
-        if kept is None or kept[0] is not grid:
-            kept = self.inflated = grid, grid.inflate(self.settings.robot.radius)
-        return kept[1]
 
     def go(self, goal: Goal) -> Answer | None:
         """Receive a goal, which replaces the previous one.
@@ -404,7 +407,7 @@ class Pilot:
         """
         made, drives = self.planning, self.policy is not None
         if made is None or made[0] is not grid or not (drives or made[1] is goal or self._same_path(made[1], goal)):
-            work = partial(set_out, self.settings, grid, self.inflated_grid, (self.grid, self.frame), goal, odometry.xy)
+            work = partial(set_out, self.settings, grid, (self.grid, self.frame), goal, odometry.xy)
             made = self.planning = grid, goal, Beside(grid.blocked.size, 0.0, work, 0 if drives else None)
         if not made[2].done:
             return None
@@ -439,8 +442,7 @@ class Pilot:
     def predictions(self, horizon: float) -> list[NDArray[np.float64]]:
         """Return where each track will be until `horizon` s from now, (t, x, y) in s and m: float64[M, 3] each."""
         tracks = Tracks.none() if self.scan is None else frames.move_tracks(frames.inverse(self.frame), self.scan[1])
-        lines = predictions(tracks, self.grid, horizon)
-        return [np.column_stack((line[:, 0], frames.move(self.frame, line[:, 1:]))) for line in lines]
+        return [np.column_stack((a[:, 0], frames.move(self.frame, a[:, 1:]))) for a in predictions(tracks, self.grid, horizon)]
 
     def pheromone(self) -> tuple[NDArray[np.int8], Pose] | None:
         """Return the ants' pheromone as costs from 0 to 100 in its bounding window, and the pose of the window's corner."""

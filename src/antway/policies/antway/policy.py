@@ -177,7 +177,7 @@ class AntwayPolicy:
         s = self._state
         s.surroundings, s.terrain = grid, terrain_of(grid)
         if self.guard is not None:
-            self.guard.set_robot(replace(s.task, grid=grid))
+            self.guard.set_robot(s.task, grid)
 
     def take_over(self, other: AntwayPolicy, t: float) -> None:
         """Go on at `t` s where `other` drives the same robot, with all that it knows and its guard, for the task of `reset`."""
@@ -308,7 +308,7 @@ class AntwayPolicy:
         if s.controls is not None:
             s.controls.set_response(task.robot)
         if self.guard is not None:
-            self.guard.set_robot(replace(task, grid=s.surroundings))
+            self.guard.set_robot(task, s.surroundings)
         s.task, s.decision, s.until = task, None, -math.inf
 
     def sent(self, observation: Observation, command: Command) -> None:
