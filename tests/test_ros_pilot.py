@@ -485,7 +485,8 @@ def test_maps_may_change_on_the_way():
     wall = ROOM.blocked.copy()
     wall[9:12, 9:12] = True  # on the robot itself: it waits there for a better map
     drive.pilot.receive_map(Grid(wall, 0.2))
-    assert "cannot set out" in until(drive, lambda answer: not any(answer.command.velocity)).reason
+    until(drive, lambda answer: "cannot set out" in answer.reason)
+    assert not drive.step().drives, "and does not drive on by the plan before"
     drive.pilot.receive_map(ROOM)
     planned_for(drive, drive.pilot.goal)
     answer = drive.pilot.receive_map(Grid(np.zeros((60, 60), bool), 0.2, (12.0, 0.0, math.pi / 2)))

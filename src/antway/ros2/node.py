@@ -378,7 +378,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.stood = now, now + self.settings.robot.dt
         if not (answer.drives and self.settings.guard_process):  # else the guard process has sent it
             self._send(answer.command)
-        self.reports.say(answer.level, answer.reason)
+        say = self.reports.note if answer.drives and answer.end is End.REPLACED else self.reports.say
+        say(answer.level, answer.reason)
         if answer.end is not None and self.done is not None:
             done, self.done, self.feed = self.done, None, None
             done(answer.end, answer.reason)

@@ -281,6 +281,7 @@ class Pilot:
             try:
                 refused = self._set_out(goal, self.map, odometry)
             except BadInput as wrong:
+                self.policy = None
                 return self._wait(t, ERROR, self._guard_ended() or f"the robot cannot set out: {wrong}")
             if refused is not None:
                 return self.drop(f"the goal is refused: {refused}", End.REFUSED, ERROR)
@@ -400,10 +401,9 @@ class Pilot:
         return self.drop(reason, End.WAITED, level) if long else None
 
     def _set_out(self, goal: Goal, grid: Grid, odometry: Odometry) -> BadInput | None:
-        """Set out for a goal with a policy that a thread makes where the robot drives or the map is large, once it is there.
+        """Set out for a goal, once a thread has planned where the robot drives or the map is large; return why it is refused.
 
-        Return why the goal is refused. A robot that drives finishes a plan for an earlier goal first, or it would never follow
-        goals that come faster than it plans.
+        While the robot drives, a plan for an earlier goal is finished first: goals may come faster than it plans.
         """
         made, drives = self.planning, self.policy is not None
         if made is None or made[0] is not grid or not (drives or made[1] is goal or self._same_path(made[1], goal)):

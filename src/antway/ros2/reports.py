@@ -20,7 +20,7 @@ class Reports:
         self.node, self.publisher = node, publisher
         self.last = OK, ""  # level and reason
         self.trouble = -math.inf, OK, ""  # when it occurred (steady, s), level and reason
-        self.logged = dict[str, float]()  # warnings and errors without their numbers, and when they were logged, s
+        self.logged = dict[str, float]()  # what was logged, without its numbers, and until when it is not logged again, s
 
     def say(self, level: int, reason: str) -> None:
         """Log what the node does or why it stands, and publish it on diagnostics, if that is new.
@@ -41,11 +41,16 @@ class Reports:
             self._log(level, reason)
             self.publish()
 
-    def _is_new(self, reason: str) -> bool:
-        """Tell whether a reason, but for its numbers, was not logged within the last second."""
+    def note(self, level: int, reason: str) -> None:
+        """Log what does not change what the node does, such as a goal that moves, once in 10 s."""
+        if self._is_new(reason, 10.0):
+            self._log(level, reason)
+
+    def _is_new(self, reason: str, seconds: float = 1.0) -> bool:
+        """Tell whether a reason, but for its numbers, was not logged within the last `seconds`."""
         now = time.monotonic()
-        self.logged = {words: then for words, then in self.logged.items() if now < then + 1.0}
-        return self.logged.setdefault(_words(reason), now) >= now
+        self.logged = {words: until for words, until in self.logged.items() if now < until}
+        return self.logged.setdefault(_words(reason), now + seconds) == now + seconds
 
     def _log(self, level: int, reason: str) -> None:
         log = self.node.get_logger()
