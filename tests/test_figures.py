@@ -19,7 +19,7 @@ from antway.ants.gridpath import explore
 from antway.ants.tsp import Tsp, solve_tsp
 from antway.arena.store import Row
 from antway.arena.summary import summarise
-from antway.view import charts, colonies, diagrams, drives, figures
+from antway.view import animation, charts, colonies, diagrams, drives, figures
 from antway.view.animation import CAPTION, LEGEND, write_animation
 from antway.view.replay import write_replay
 from antway.view.style import BLUE, RED, TEAL
@@ -213,6 +213,18 @@ def test_an_animation_shows_the_whole_episode(tmp_path: Path) -> None:
         strip = gif.height - round(200 * rows / cols) - CAPTION
         assert strip >= 3 * LEGEND and strip % LEGEND == 0, "what is drawn is named in as many lines as it takes"
         assert (first[-strip:] == last[-strip:]).all() and len(np.unique(first[-strip:].reshape(-1, 3), axis=0)) > 10
+
+
+def test_an_episode_that_ends_at_its_start_is_a_film_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has one frame of no duration, and the rate of an MP4 used to be one by that."""
+    rates: list[float] = []
+    monkeypatch.setattr(animation.shutil, "which", lambda name: name)
+    monkeypatch.setattr(animation, "_write_mp4", lambda pictures, path, rate: rates.append(rate) or path.write_bytes(b"film"))
+    result = run(Scenario(World(Grid(np.zeros((10, 10), bool))), (5.0, 5.0), (5.1, 5.0)))
+    assert result.reached and result.trace is not None and len(result.trace) == 0
+    for name in ("a.mp4", "a.gif"):
+        assert write_animation(result.trace, tmp_path / name, width=100).stat().st_size > 0
+    assert rates == [50.0]
 
 
 def test_the_encounter_is_found() -> None:

@@ -16,7 +16,7 @@ from antway.kernels.colony.held_karp import earliest_of_few
 from antway.scenes import scene
 from antway.world.episode import Episode
 from antway.world.motions import Line, Replay
-from antway.world.order_planner import MANY
+from antway.world.order_planner import MANY, nearest_cell
 from antway.world.policy import Tracks, make_policy
 from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import save_scenario
@@ -35,6 +35,22 @@ def hall(*, stops: tuple[Stop, ...], obstacles: tuple[Obstacle, ...] = (), horiz
     start: tuple[float, float] = (1.0, 1.0)
     grid = Grid(blocked, resolution=0.1)
     return Scenario(World(grid, obstacles), start, start, RobotSpec(radius=0.25), stops=stops, horizon=horizon, **more)
+
+
+def test_the_nearest_cell_is_the_nearest() -> None:
+    """The search in growing squares used to take what is in a corner of one before what is nearer beyond its edge."""
+    rng = np.random.default_rng(5)
+    for k in range(cases(200, 5000)):
+        blocked = rng.random((60, 50)) < rng.choice([0.5, 0.99, 0.999, 1.0])
+        if k == 0:
+            blocked[:] = True
+            blocked[28, 28] = blocked[29, 20] = False
+        cell = (20, 20) if k == 0 else (int(rng.integers(60)), int(rng.integers(50)))
+        grid = Grid(blocked, 0.5)
+        free = np.argwhere(~blocked)
+        least = np.hypot(*(free - cell).T).min(initial=math.inf)
+        found = nearest_cell(grid, grid.centre(cell))
+        assert found == cell if len(free) == 0 else math.dist(found, cell) == least and grid.is_free(found)
 
 
 FOUR = (

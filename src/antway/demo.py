@@ -15,12 +15,12 @@ from typing import Any
 
 from antway.errors import BadParameter
 from antway.planning import Problem, solve
-from antway.policies.paper.routes import Routes
 from antway.processes import pool
 from antway.scenes import ROUNDS, SCENES
 from antway.verify_episode import check_episode
 from antway.view.pages import rounded
 from antway.world.episode import EpisodeResult, run
+from antway.world.line_of_sight import diagonal_radius, nearest_free
 from antway.world.policy import Task, make_policy
 from antway.world.scenario import Scenario, load_scenario
 from antway.world.trace import Trace
@@ -100,11 +100,11 @@ def explained(trace: Trace) -> list[dict[str, Any]]:
 
 def static_shortest(task: Task) -> float:
     """Return the length in m of the shortest path at any angle over the free cells of the static map; infinite without one."""
-    routes = Routes(task)
-    start, goal = routes.cell(task.start), routes.cell(task.goal)
+    inflated, radius = task.grid.inflate(diagonal_radius(task)), task.robot.radius
+    start, goal = (nearest_free(task.grid, inflated, xy, 3, radius) for xy in (task.start, task.goal))
     if start is None or goal is None:
         return math.inf
-    return solve(Problem(task.grid.inflate(task.robot.radius), start, goal), "anyangle").length
+    return solve(Problem(task.grid.inflate(radius), start, goal), "anyangle").length
 
 
 def write_episode(result: EpisodeResult, folder: Path, *, beside: Sequence[EpisodeResult] = ()) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from antway.writing import writing
 
 SUPER = 2  # factor by which frames are drawn larger and then reduced, to smooth edges
 LONGEST = 12.0  # s; longer episodes are shown faster
+_LEAST = 0.02  # s; each frame is shown for at least this time
 CAPTION = 34  # px; height of the caption under the map
 LEGEND = 24  # px; height of a line of the legend
 GAP = 4  # px; gap between episodes side by side
@@ -51,11 +52,11 @@ def write_animation(
     traces = (trace, *beside)
     longest = max(traces, key=lambda one: float(one.t[-1]))
     times = longest.t[np.unique(np.linspace(0, len(longest), frames).round().astype(int))]
-    pause = min(LONGEST, float(times[-1])) / len(times)
+    pause = max(min(LONGEST, float(times[-1])) / len(times), _LEAST)
     pictures = _frames(traces, times, shortest, width)
     with writing("out", path) as file:
         if file.suffix.lower() == ".gif":
-            _write_gif(list(pictures), file, max(20, round(1000 * pause)))
+            _write_gif(list(pictures), file, round(1000 * pause))
         elif file.suffix.lower() == ".mp4" and shutil.which("ffmpeg"):
             _write_mp4(pictures, file, 1 / pause)
         else:

@@ -199,7 +199,8 @@ def nearest_cell(grid: Grid, xy: XY) -> Cell:
     for span in (8, 32, max(grid.shape)):
         r0, c0 = max(row - span, 0), max(col - span, 0)
         free = np.argwhere(~grid.blocked[r0 : row + span + 1, c0 : col + span + 1])
-        if len(free):
-            near = free[np.argmin(np.hypot(free[:, 0] + r0 - row, free[:, 1] + c0 - col))]
+        away = np.hypot(free[:, 0] + r0 - row, free[:, 1] + c0 - col)
+        if len(free) and (away.min() <= span or span == max(grid.shape)):  # farther ones may not be in a corner of the square
+            near = free[away.argmin()]
             return int(near[0]) + r0, int(near[1]) + c0
     return row, col
