@@ -83,6 +83,12 @@ ALTERED: dict[str, Callable[[Trace], dict[str, Any]]] = {
     r"and the robot was not braked": lambda t: without_rows(t, 20) | {"outcome": Outcome.ERROR},
     r"goes on to 4 s, and its horizon is 2 s": lambda t: {"config": {**t.config, "horizon": 2.0}},
     r"goes on to 4 s, and its horizon is nan s": lambda t: {"config": {**t.config, "horizon": math.nan}},
+    r"horizon is no number": lambda t: {"config": {**t.config, "horizon": "4"}},
+    r"config is no table": lambda t: {"config": None},
+    r"outcome 'timeout' is not an Outcome": lambda t: {"outcome": "timeout"},
+    r"sensed is no array of booleans": lambda t: {"sensed": 2 * t.sensed.astype(int)},
+    r"\(0, None\) is not the number of a step": lambda t: {"decisions": ((0, None),)},
+    r"3 is not the number of a step": lambda t: {"decisions": (3,)},
     r"goes on after it passed the goal": lambda t: {
         "task": replace(t.task, goal=tuple((0.5 * (t.xy[20] + t.xy[21])).tolist()), goal_tolerance=0.01)
     },
@@ -110,10 +116,13 @@ def test_results_that_contradict_their_trace_are_refused() -> None:
     check_episode(result)
     wrong: dict[str, Any] = {
         "time": math.nan, "length": math.nan, "min_clearance": math.nan, "waits": 5, "replans": 1, "reason": "it is there",
-        "cycle_ms": result.cycle_ms + 1.0, "outcome": Outcome.REACHED,
+        "cycle_ms": result.cycle_ms + 1.0, "outcome": Outcome.REACHED, "config": {},
     }  # fmt: skip
     for field, value in wrong.items():
         with pytest.raises(InvalidPlan, match=field):
+            check_episode(replace(result, **{field: value}))
+    for field, value in {"time": "3", "length": None, "min_clearance": None}.items():
+        with pytest.raises(InvalidPlan, match=f"{field} .* is not of type float"):
             check_episode(replace(result, **{field: value}))
 
 

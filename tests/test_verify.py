@@ -90,6 +90,9 @@ BREAK: dict[str, Callable[[Problem, Plan], Plan]] = {
     "no bound": lambda problem, plan: replace(plan, lower_bound=None),
     "no time": lambda problem, plan: replace(plan, elapsed=None),
     "an array for a number": lambda problem, plan: replace(plan, expanded=np.int64(3)),
+    "a length beyond all floats": lambda problem, plan: replace(plan, length=10**400),
+    "a bound beyond all floats": lambda problem, plan: replace(plan, lower_bound=10**400),
+    "a text for whether it is optimal": lambda problem, plan: replace(plan, optimal="no"),
     "points of objects": lambda problem, plan: replace(plan, points=plan.cells.astype(object)),
     "points far off": lambda problem, plan: replace(plan, points=plan.cells * 2.0 + 1e300),
 }

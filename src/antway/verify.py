@@ -103,16 +103,25 @@ def _any_angle_faults(problem: Problem, path: list[Cell], points: list[Sequence[
 def _type_faults(plan: Plan) -> list[str]:
     """Return which parts of a plan are not of their type; nothing else can be said of such a plan."""
     faults = [] if isinstance(plan.status, Status) else [f"status {plan.status!r} is not a Status"]
-    for name, kind in (("length", float), ("lower_bound", float), ("elapsed", float), ("expanded", int)):
-        value = getattr(plan, name)
-        if isinstance(value, bool) or not isinstance(value, (int, kind)):
-            faults.append(f"{name} {value!r} is not of type {kind.__name__}")
+    faults += number_faults(plan, "length", "lower_bound", "elapsed") + number_faults(plan, "expanded", kind=int)
+    if not isinstance(plan.optimal, bool):
+        faults.append(f"optimal {plan.optimal!r} is not of type bool")
     if not _pairs(plan.cells, np.int32):
         faults.append("cells are not an int32[N, 2] array")
     points = plan.points
     if points is not None and not (_pairs(points, np.float64) and len(points) and np.isfinite(points).all()):
         faults.append("points are not a finite float64[M, 2] array")
     return faults
+
+
+def number_faults(record: object, *names: str, kind: type = float) -> list[str]:
+    """Return which parts of a record are no numbers of this kind, or integers that no float is as large as."""
+    values = {name: getattr(record, name) for name in names}
+    return [
+        f"{name} {value!r:.80} is not of type {kind.__name__}"
+        for name, value in values.items()
+        if isinstance(value, bool) or not isinstance(value, (int, kind)) or (isinstance(value, int) and abs(value) >= 2**1023)
+    ]
 
 
 def _pairs(value: object, kind: type[np.generic]) -> bool:

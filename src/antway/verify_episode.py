@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from enum import Enum
 from itertools import pairwise
 from typing import TYPE_CHECKING, cast
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.errors import BadParameter, InvalidPlan
+from antway.verify import number_faults
 from antway.verify_motion import REST, Again, array_faults, dynamic_faults, last_gaps
 from antway.verify_steps import step_faults, step_gaps, wall_gap
 
@@ -41,8 +43,9 @@ def check_episode(episode: EpisodeResult | Trace) -> None:
         was never in range; if the outcome or a figure contradicts the trace; or if a stop was not visited as recorded.
     """
     trace = _trace_of(episode)
+    faults = _type_faults(episode, trace) or _shape_faults(trace)
     again = Again(trace)
-    faults = _shape_faults(trace) or [*_motion_faults(again), *_end_faults(again), *rounds_faults(trace)]
+    faults = faults or [*_motion_faults(again), *_end_faults(again), *rounds_faults(trace)]
     if hasattr(episode, "min_clearance") and not faults:
         faults = _figure_faults(cast("EpisodeResult", episode), again)
     if faults:
@@ -56,6 +59,21 @@ def _trace_of(episode: EpisodeResult | Trace) -> Trace:
     if not all(hasattr(trace, name) for name in ("task", "timeline", "command", "decisions")):
         raise BadParameter("episode", episode, "an EpisodeResult or a Trace")
     return cast("Trace", trace)
+
+
+def _type_faults(episode: EpisodeResult | Trace, trace: Trace) -> list[str]:
+    """Return which parts of an episode are not of their type; nothing else can be said of such an episode."""
+    faults = [] if isinstance(trace.outcome, Enum) else [f"outcome {trace.outcome!r} is not an Outcome"]
+    if not isinstance(trace.config, dict) or not isinstance(trace.config.get("horizon", 0.0), (int, float)):
+        faults.append(f"config is no table, or its horizon is no number: {trace.config!r}")
+    faults += [
+        f"{entry!r} is not the number of a step and a Decision"
+        for entry in trace.decisions
+        if not (isinstance(entry, tuple) and len(entry) == 2 and isinstance(entry[0], int) and hasattr(entry[1], "path"))
+    ]
+    if not (isinstance(trace.sensed, np.ndarray) and trace.sensed.dtype == bool):
+        faults.append("sensed is no array of booleans")
+    return faults + (number_faults(episode, "time", "length", "min_clearance") if hasattr(episode, "min_clearance") else [])
 
 
 def _shape_faults(trace: Trace) -> list[str]:
@@ -171,7 +189,7 @@ def _figure_faults(result: EpisodeResult, again: Again) -> list[str]:
     faults = [f"states {name} {a!r} but has {b!r}" for name, (a, b) in figures.items() if a != b and not abs(a - b) <= slack]
     faults += [
         f"states {name} {getattr(result, name)!r}, and its trace {getattr(trace, name)!r}"
-        for name in ("outcome", "seed", "reason", "rounds")
+        for name in ("outcome", "seed", "reason", "rounds", "config")
         if getattr(result, name) != getattr(trace, name)
     ]
     if not np.array_equal(result.cycle_ms, trace.cycle_ms):

@@ -12,7 +12,7 @@ import numpy as np
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Cell
 from antway.planning import Plan, Problem, Status
-from antway.verify import check_plan
+from antway.verify import check_plan, number_faults
 
 if TYPE_CHECKING:
     from antway.tours.plan import Route, TourPlan
@@ -45,7 +45,7 @@ def check_tour(tour: TourPlan) -> None:
     """
     if type(tour).__name__ != "TourPlan":  # its module cannot be imported here, because the check shares no code with it
         raise BadParameter("tour", tour, "a TourPlan")
-    faults = list(_visit_faults(tour))
+    faults = _type_faults(tour) or list(_visit_faults(tour))
     late, driven, done = 0.0, 0.0, [0.0]
     if not faults:
         for k, route in enumerate(tour.routes):
@@ -57,6 +57,18 @@ def check_tour(tour: TourPlan) -> None:
         faults += _sum_faults(tour, late, driven, max(done))
     if faults:
         raise InvalidPlan(faults)
+
+
+def _type_faults(tour: TourPlan) -> list[str]:
+    """Return which parts of a tour are not of their type; nothing else can be said of such a tour."""
+    faults = number_faults(tour, "length", "duration", "cost", "lateness", "collected", "bound", "gap")
+    if not isinstance(tour.skipped, tuple):
+        faults.append(f"skipped {tour.skipped!r} is not of type tuple")
+    for k, route in enumerate(tour.routes):
+        faults += [f"robot {k}: {fault}" for fault in number_faults(route, "length", "duration")]
+        if not all(isinstance(leg, Plan) for leg in route.legs):
+            faults.append(f"robot {k} has legs that are no plans")
+    return faults
 
 
 def _visit_faults(tour: TourPlan) -> Iterator[str]:
