@@ -11,7 +11,7 @@ import pytest
 from antway import Grid, Outcome, RobotSpec, Scenario, World, check_episode, make_policy, run
 from antway.policies.guard import Guarded
 from antway.world.motions import BackAndForth, Line
-from antway.world.policy import Command, Tracks
+from antway.world.policy import Command, Observation, Task, Tracks
 from antway.world.world import Obstacle
 from common import cases
 
@@ -135,3 +135,23 @@ def test_the_robot_goes_on_within_two_seconds_once_the_way_clears(policy: str) -
         clears = delay + 4.5 / 1.0 / 2  # it has left the gate by then
         assert result.reached and not moving[(since > 8.0) & (since < delay)].all()
         assert moving[(since > clears) & (since < clears + 2.0)].any()
+
+
+@pytest.mark.parametrize("named", [False, True])
+@pytest.mark.parametrize(
+    "robot", [RobotSpec(radius=0.2), RobotSpec(radius=0.2, drive="differential", a_max=1.0, alpha_max=3.0)]
+)
+def test_a_scan_of_never_after_others_is_the_last_one(robot: RobotSpec, named: bool) -> None:
+    """A stamp of -inf says that nothing was sensed yet; among tracks, predictions from then until now took for ever."""
+    policy = make_policy("antway")
+    policy.reset(Task(Grid(np.zeros((60, 60), bool), 0.2), robot, (1.0, 1.0), (11.0, 11.0)), 0)
+    speeds = []
+    for k in range(25):
+        tracks = Tracks([1], [[6.0 - 0.05 * k, 6.0 - 0.05 * k]], [[-0.5, -0.5]], [0.25])
+        seen = Observation(0.1 * k, (3.0, 3.0), (0.0, 0.0), math.pi / 4, tracks)
+        if k >= 15:
+            seen = replace(seen, tracks=tracks if named else Tracks.none(), stamp=-math.inf)
+        command = policy.act(seen)
+        speeds.append(math.hypot(*(command.twist or command.velocity)))
+        assert math.isfinite(speeds[-1])
+    assert max(speeds[21:]) == 0.0, "after half a second the sensor counts as silent"

@@ -65,7 +65,12 @@ class Tracker:
         self._next_id = FIRST_OWN_ID
 
     def corrected(self, seen: Observation) -> Observation:
-        """Return the observation with an id for each track (`with_ids`), and without velocities that are wrong."""
+        """Return the observation with an id for each track (`with_ids`), and without velocities that are wrong.
+
+        If it tells that nothing was sensed yet, though something was, its scan is the last one.
+        """
+        if seen.stamp == -math.inf and len(self.estimates):
+            seen = replace(seen, stamp=float(self.last_seen.max()))
         t = seen.sensed_at
         if len(seen.tracks) > MOST_ROWS:
             seen = replace(seen, tracks=nearest(seen.tracks, seen.xy))
