@@ -138,20 +138,24 @@ def test_the_robot_goes_on_within_two_seconds_once_the_way_clears(policy: str) -
 
 
 @pytest.mark.parametrize("named", [False, True])
-@pytest.mark.parametrize(
-    "robot", [RobotSpec(radius=0.2), RobotSpec(radius=0.2, drive="differential", a_max=1.0, alpha_max=3.0)]
-)
+@pytest.mark.parametrize("robot", [RobotSpec(sensor_range=20.0), RobotSpec(drive="differential", a_max=1.0, alpha_max=3.0)])
 def test_a_scan_of_never_after_others_is_the_last_one(robot: RobotSpec, named: bool) -> None:
     """A stamp of -inf says that nothing was sensed yet; among tracks, predictions from then until now took for ever."""
-    policy = make_policy("antway")
-    policy.reset(Task(Grid(np.zeros((60, 60), bool), 0.2), robot, (1.0, 1.0), (11.0, 11.0)), 0)
-    speeds = []
-    for k in range(25):
-        tracks = Tracks([1], [[6.0 - 0.05 * k, 6.0 - 0.05 * k]], [[-0.5, -0.5]], [0.25])
-        seen = Observation(0.1 * k, (3.0, 3.0), (0.0, 0.0), math.pi / 4, tracks)
-        if k >= 15:
-            seen = replace(seen, tracks=tracks if named else Tracks.none(), stamp=-math.inf)
-        command = policy.act(seen)
-        speeds.append(math.hypot(*(command.twist or command.velocity)))
-        assert math.isfinite(speeds[-1])
-    assert max(speeds[21:]) == 0.0, "after half a second the sensor counts as silent"
+    for seed in range(cases(3, 100)):
+        rng, policy = np.random.default_rng(seed), make_policy("antway")
+        policy.reset(Task(Grid(np.zeros((60, 60), bool), 0.2), robot, (1.0, 1.0), (11.0, 11.0), obstacle_speed=1.0), seed)
+        places = rng.uniform(2.0, 11.0, (5, 2))
+        for k in range(36):
+            if k % 6 == 0:
+                way = rng.uniform(-math.pi, math.pi, 5)
+                velocities = 0.75 * np.column_stack((np.cos(way), np.sin(way)))
+            places = places + 0.1 * velocities
+            x = 1.0 + 0.07 * min(k, 25)
+            seen = Observation(
+                0.1 * k, (x, x), (0.7, 0.7), math.pi / 4, Tracks(np.arange(5), places, velocities, np.full(5, 0.25))
+            )
+            if k >= 25:
+                seen = replace(seen, tracks=seen.tracks if named else Tracks.none(), stamp=-math.inf)
+            command = policy.act(seen)
+            speed = math.hypot(*(command.twist or command.velocity))
+            assert math.isfinite(speed) and (speed == 0.0 or k < 31), "after half a second the sensor counts as silent"
