@@ -87,6 +87,8 @@ class Hierarchy:
 
     def make(self, grid: Grid, clock: Clock) -> bool:
         """Continue making the hierarchy of `grid` until it is done or the clock runs out; tell whether it is done."""
+        if not self.made:
+            lattice(grid, Moves.EIGHT)  # kept with the grid, so that it can be made before the first look at the clock
         while not self.made and not clock.spent():
             with self.lock:
                 try:
@@ -105,10 +107,11 @@ class Hierarchy:
         number = np.full((grid.shape[0] + 2, grid.shape[1] + 2), -1, np.int32)
         number[1:-1, 1:-1][is_corner] = np.arange(len(nodes))
         subgoal_map = SubgoalMap(net, packed_lines(grid.blocked | is_corner), number.ravel())
-        n, seeds = len(nodes), 8 * max(grid.shape) + 16
-        memory, (by_cell, by_corner, besides) = _unlinked(n, 8 * n + seeds), MOST_STEPS
+        n, seeds, (by_cell, by_corner, besides) = len(nodes), 8 * max(grid.shape) + 16, MOST_STEPS
         left = min(by_cell * grid.blocked.size, by_corner * n + besides)
         del grid  # what is kept for a grid must not keep the grid
+        yield False
+        memory = _unlinked(n, 8 * n + seeds)
         while memory.state[RANKED] < n:
             if memory.state[LINKED] < n:
                 code = link(subgoal_map, nodes, memory, STEPS)
