@@ -10,7 +10,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from antway import check_episode, check_motion, check_plan, check_tour, check_tsptw, checks, errors
+from antway import check_episode, check_motion, check_plan, check_tour, check_tsptw, checks, errors, make_policy
 
 NO_NUMBERS = [True, np.True_, "1", None, math.nan, math.inf, -math.inf, 1j, [1.0], np.float64("nan"), 10**400, Decimal("NaN")]
 NO_NUMBERS += [np.complex64(1 + 2j), np.array(5.0)]
@@ -113,3 +113,15 @@ def test_verifiers_name_what_is_of_another_kind(check) -> None:
     needed = [one for one in inspect.signature(check).parameters.values() if one.default is one.empty]
     with pytest.raises(errors.BadParameter):
         check(*(object() for _ in needed))
+
+
+@pytest.mark.parametrize(("policy", "option"), [("dwa", "horizon"), ("mppi", "block"), ("potential-field", "conic")])
+def test_options_of_baselines_are_refused_before_they_overflow(policy: str, option: str) -> None:
+    """They were taken, and ended the episode by an OverflowError."""
+    with pytest.raises(errors.BadParameter, match=f"{option} = 1e.308"):
+        make_policy(policy, **{option: 1e308})
+
+
+def test_messages_are_of_one_line() -> None:
+    """Also where the value is an array, whose text has several."""
+    assert "\n" not in str(errors.BadParameter("goal", np.zeros((3, 2)), "a cell"))

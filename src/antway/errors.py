@@ -78,7 +78,7 @@ def _shown(value: object) -> str:
         return f"({', '.join(map(_shown, value))}{',' if len(value) == 1 else ''})"
     if type(value) is list and len(value) < 100:
         return f"[{', '.join(map(_shown, value))}]"
-    return repr(value)
+    return " ".join(repr(value).split())  # arrays are of several lines
 
 
 class BadMap(BadInput):

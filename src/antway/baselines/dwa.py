@@ -68,7 +68,7 @@ class Dwa(Follow):
 
     def __post_init__(self) -> None:
         checks.fields(self, "heading", "dist", low=0.0)
-        checks.fields(self, "horizon", "aim", low=0.0, open_low=True, unit="s")
+        checks.fields(self, "horizon", "aim", low=0.0, high=1e6, open_low=True, unit="s")
         checks.fields(self, "look_ahead", low=0.0, open_low=True, unit="m")
         for name, unit in (("vel", ""), ("margin", "m")):
             if getattr(self, name) is not None:

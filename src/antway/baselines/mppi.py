@@ -59,7 +59,7 @@ class Mppi(Follow):
 
     def __post_init__(self) -> None:
         self.samples = checks.integer("samples", self.samples, low=3, high=100_000)
-        checks.fields(self, "horizon", "block", "temperature", low=0.0, open_low=True, unit="s")
+        checks.fields(self, "horizon", "block", "temperature", low=0.0, high=1e6, open_low=True, unit="s")
         checks.fields(self, "speed_noise", "turn_noise", low=0.0, open_low=True)
         checks.fields(self, "margin", "preferred_gap", "wall_margin", low=0.0, unit="m")
 

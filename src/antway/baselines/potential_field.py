@@ -56,9 +56,9 @@ class PotentialField(Follow):
     def __post_init__(self) -> None:
         if self.look_ahead is not None:
             checks.fields(self, "look_ahead", low=0.0, open_low=True, unit="m")
-        checks.fields(self, "conic", "influence", "far", low=0.0, open_low=True, unit="m")
-        checks.fields(self, "wall", low=0.0, unit="m^4/s")
-        checks.fields(self, "moving", low=0.0, unit="m^3/s")
+        checks.fields(self, "conic", "influence", "far", low=0.0, high=1e6, open_low=True, unit="m")
+        checks.fields(self, "wall", low=0.0, high=1e9, unit="m^4/s")
+        checks.fields(self, "moving", low=0.0, high=1e9, unit="m^3/s")
         checks.fields(self, "brake", low=0.0, open_low=True, unit="m/s^2")
 
     def reset(self, task: Task, seed: int) -> None:

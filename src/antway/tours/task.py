@@ -67,7 +67,7 @@ class TourTask:
         end = self.end
         if isinstance(end, str) and end != "start":
             raise BadParameter("end", end, "a point (x, y) in m, start or None")
-        if end is not None and end != "start":
+        if end is not None and not isinstance(end, str):
             end = _point(end, "end")
             standing_cell("end", end, grid, free, radius)
         service = 0.0 if self.service is None else self.service

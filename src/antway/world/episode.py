@@ -15,6 +15,7 @@ from antway import checks
 from antway.errors import BadParameter, described_error
 from antway.kernels.robot.motion import REST
 from antway.lazy import drawing
+from antway.limits import MAX_TIME
 from antway.planning import TimedPath
 from antway.version import __version__
 from antway.world.order_planner import check_reachable
@@ -181,7 +182,9 @@ class Episode:
     ) -> None:
         self.scenario, self.record = checks.instance("scenario", scenario, Scenario), record
         self.seed = scenario.seed if seed is None else checks.seed(seed)
-        horizon = scenario.horizon if horizon is None else checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
+        if horizon is None:
+            horizon = scenario.horizon
+        horizon = checks.number("horizon", horizon, low=0.0, high=MAX_TIME, open_low=True, unit="s")
         self.stage = stage = Stage(scenario, self.seed, horizon)
         self.name, driver = (policy, make_policy(policy)) if isinstance(policy, str) else (type(policy).__name__, policy)
         self.policy: Policy = as_policy(driver)
