@@ -367,7 +367,8 @@ def plan(
     """Plan from `start` to `goal`, both (x, y) in m, for a disc robot of `robot_radius` m; otherwise as `solve`.
 
     `time_limit` is in s, None or infinite for no limit. The plan's cells are those of `grid`; the ends are the centres of the
-    cells that hold the points.
+    cells that hold the points. Paths at any angle run along corners of the inflated cells, which may be nearer to walls than
+    their centres by 0.71 cells: add that to `robot_radius` for a robot that drives them as they are.
 
     Examples
     --------
