@@ -123,7 +123,7 @@ def message(case: dict[str, Any]) -> None:
         try:
             scan, _ = read_points(SimpleNamespace(**one["scan"]), 0.2)
             points = Background(ROOM, 0.1).off(scan + 2.0, (2.0, 2.0))
-            tracker.update(t, without_ids(discs(points, gap=0.3, largest=0.8)))
+            tracker.update(t, without_ids(*discs(points, gap=0.3, largest=0.8)[:2]))
         except BadInput:
             pass
         tracks = Tracks.none()

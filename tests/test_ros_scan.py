@@ -84,7 +84,7 @@ def test_discs_in_a_scan_are_found():
         pose = (*grid.to_xy(rng.uniform(3, 36, (1, 2)))[0], rng.uniform(-3, 3))
         places, radii = grid.to_xy(rng.uniform(3, 36, (3, 2))), rng.uniform(0.2, 0.5, 3)
         ranges = measured(grid, places, radii, pose, 480, 6.0)
-        xy, radius = discs(
+        xy, radius, fitted, _ = discs(
             Background(grid, 0.05).off(frames.move(pose, read_points(scan_of(ranges))[0]), pose[:2]), gap=0.3, largest=0.8
         )
         for place, size in zip(xy, radius):  # whatever is found belongs to a disc, never to a wall
@@ -102,6 +102,7 @@ def test_discs_in_a_scan_are_found():
                 found += 1
                 near = np.hypot(*(xy - place).T)
                 assert near.min() < 0.03 and abs(radius[near.argmin()] - size) < 0.03, (place, size, xy, radius)
+                assert fitted[near.argmin()]
     assert found > 5, found
 
 
@@ -112,7 +113,7 @@ def test_what_is_no_arc_is_held_by_its_discs():
         a, b, c = rng.uniform(-3, 3, (3, 2))
         share = np.linspace(0, 1, int(rng.integers(10, 60)))[:, None]
         corner = np.vstack((a + (b - a) * share, b + (c - b) * share[1:]))
-        xy, radius = discs(np.vstack((corner, [[50.0, 50.0]])), gap=1.0, largest=0.8)
+        xy, radius, *_ = discs(np.vstack((corner, [[50.0, 50.0]])), gap=1.0, largest=0.8)
         assert (radius <= 0.8 + 0.5).all() and len(xy)
         holds = np.hypot(*(corner[:, None] - xy).transpose(2, 0, 1)) <= radius + 0.03
         assert holds.any(axis=1).all()
@@ -230,7 +231,7 @@ def test_the_tracker_names_and_measures():
             t = 0.1 * i
             order = rng.permutation(n)
             xy = start + velocity * np.array([0.0, 1.0]) * t + rng.normal(0, 0.01, (n, 2))
-            tracks = tracker.update(t, without_ids((xy[order], np.full(n, 0.3))))
+            tracks = tracker.update(t, without_ids(xy[order], np.full(n, 0.3)))
         assert sorted(tracks.id) == list(range(n)) and len({*tracks.id.tolist()}) == n
         column = np.rint(tracks.xy[:, 0] / 3.0).astype(int)
         np.testing.assert_allclose(tracks.velocity[:, 1], velocity[column, 1], atol=0.12)
@@ -238,7 +239,7 @@ def test_the_tracker_names_and_measures():
         lost, spread = tracker.update(t + 0.5, Tracks.none()), tracks.covariance
         np.testing.assert_allclose(lost.covariance[:, 0, 2], spread[:, 0, 2] + 0.5 * spread[:, 2, 2])
         assert len(lost) == n and len(tracker.update(t + 1.5, Tracks.none())) == 0
-        assert len(tracker.update(0.0, without_ids((xy, np.full(n, 0.3))))) == n, "time that goes back begins anew"
+        assert len(tracker.update(0.0, without_ids(xy, np.full(n, 0.3)))) == n, "time that goes back begins anew"
     named = Tracks(np.array([7]), np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
     assert Tracker().update(0.0, named) is named
     unknown = replace(named, velocity=np.full((1, 2), math.nan))
@@ -260,10 +261,10 @@ def test_nameless_tracks_are_told_apart_by_nearness() -> None:
 
 def test_a_false_alarm_is_returned_once():
     """Who was seen twice is remembered for a second; the policy decides about who was seen once, as it knows the map."""
-    tracker, none = Tracker(), without_ids((np.empty((0, 2)), np.empty(0)))
+    tracker, none = Tracker(), without_ids(np.empty((0, 2)), np.empty(0))
     one, two = np.array([[1.0, 1.0]]), np.array([[1.0, 1.0], [5.0, 5.0]])
-    assert len(tracker.update(0.0, without_ids((one, np.full(1, 0.3))))) == 1
-    assert len(tracker.update(0.1, without_ids((two, np.full(2, 0.3))))) == 2
+    assert len(tracker.update(0.0, without_ids(one, np.full(1, 0.3)))) == 1
+    assert len(tracker.update(0.1, without_ids(two, np.full(2, 0.3)))) == 2
     found = tracker.update(0.2, none)
     assert len(found) == 1 and found.xy[0] == pytest.approx((1.0, 1.0))
     assert len(tracker.update(1.2, none)) == 0
@@ -273,7 +274,7 @@ def test_of_more_discs_than_it_can_follow_it_follows_the_nearest() -> None:
     """Those around the robot, wherever they are listed."""
     xy = np.column_stack((np.arange(400.0), np.zeros(400)))
     for at in (0.0, 200.0, 399.0):
-        found = Tracker().update(0.0, without_ids((xy, np.full(400, 0.3))), (at, 0.0))
+        found = Tracker().update(0.0, without_ids(xy, np.full(400, 0.3)), (at, 0.0))
         assert len(found) == 128 and np.abs(found.xy[:, 0] - at).max() <= 128.0
 
 
@@ -288,6 +289,28 @@ def test_numbers_that_are_missing_or_occur_twice_are_replaced() -> None:
     first = tracker.update(0.0, Tracks(np.array([4, -1, 7, 7]), xy, velocity, radius)).id.tolist()
     assert first == [4, 0, 1, 2]
     assert tracker.update(0.1, Tracks(np.array([-1, 4, -1, -1]), xy[[1, 0, 3, 2]], velocity, radius)).id.tolist() == first
+
+
+def test_what_passes_behind_another_keeps_its_velocity() -> None:
+    """Half hidden it looks like a smaller disc beside its centre, and joined to the other like a large one between the two.
+
+    With 5 cm for the standard deviation of every place its velocity was wrong by up to 3.6 m/s.
+    """
+    grid, pose, still = Grid(np.zeros((80, 80), bool), 0.2, (-8.0, -8.0, 0.0)), (0.0, 0.0, 0.0), np.array([2.0, 0.0])
+    for behind in (2.75, 3.0, 3.5):
+        rng, tracker, worst = np.random.default_rng(3), Tracker(), [0.0, 0.0]
+        for k in range(60):
+            t = 0.1 * k
+            moves = np.array([behind, -2.4 + 0.8 * t])
+            ranges = measured(grid, np.array([still, moves]), np.array([0.3, 0.35]), pose, 360, 6.0)
+            points, _ = read_points(scan_of(ranges + rng.normal(0.0, 0.01, 360)))
+            places = discs(points, gap=0.3, largest=0.8)
+            found = tracker.update(t, without_ids(places.xy, places.radius), (0.0, 0.0), places)
+            for i, (place, velocity) in enumerate(((still, (0.0, 0.0)), (moves, (0.0, 0.8)))):
+                away = np.hypot(*(found.xy - place).T)
+                if k > 10 and away.min() < 0.5:
+                    worst[i] = max(worst[i], math.dist(found.velocity[away.argmin()], velocity))
+        assert max(worst) < 1.0, (behind, worst)
 
 
 class Seeing:
@@ -311,7 +334,7 @@ class Seeing:
         truth = frames.move_tracks(self.world, o.tracks)
         points, _ = read_points(scan_of(measured(self.grid, truth.xy, truth.radius, pose, 240, 5.5)))
         seen = discs(Background(self.grid, 0.15).off(frames.move(pose, points), pose[:2]), gap=0.3, largest=0.8)
-        self.pilot.scan = o.t, self.tracker.update(o.t, without_ids(seen))
+        self.pilot.scan = o.t, self.tracker.update(o.t, without_ids(seen.xy, seen.radius), pose[:2], seen)
         answer = self.pilot.receive_odometry(
             frames.Odometry(o.t, pose[:2], frames.turn(self.world[2], o.velocity), pose[2]), o.t
         )

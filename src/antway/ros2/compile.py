@@ -51,7 +51,7 @@ def _plan() -> None:
     for stops in (3, 16):  # which different methods put in order
         plan_tour(place, (1.5, 1.5), [(0.5 + 2.0 * (i % 4), 0.5 + 2.0 * (i // 4)) for i in range(stops)], seconds=0.05)
     tracker = Tracker()
-    tracker.update(0.0, without_ids((np.zeros((1, 2)), np.ones(1))))
+    tracker.update(0.0, without_ids(np.zeros((1, 2)), np.ones(1)))
     call(kalman.raise_variances, *tracker.table[:2], np.zeros(2), np.zeros(2))  # when a sensor turns out to be wrong
 
 

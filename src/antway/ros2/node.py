@@ -280,7 +280,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
                 self.background = Background(grid, settings.scan_clear)
             points = self.background.off(laser.placed(scan, *mount, settings.scan_valid), (x, y))
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
-            return seen, self.tracker.update(seen, without_ids(places), (x, y))
+            return seen, self.tracker.update(seen, without_ids(places.xy, places.radius), (x, y), places)
 
         found = self._read(OBSTACLES, read, reached)
         if found is not None:

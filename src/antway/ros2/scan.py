@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,8 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.tracking import kalman
-from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V
-from antway.kernels.tracking.table import make_table
+from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.table import make_table, rows_in_use
 from antway.limits import MAX_ANGLE, MAX_PLACE
 from antway.policies.antway.tracker import MOST_ROWS, ids_of, nearest, with_ids
 from antway.ros2.frames import Pose, move
@@ -23,8 +24,21 @@ from antway.world.policy import XY, Tracks
 _ROUND = 0.03  # m; tolerance for points on a circle
 _TURNED = 0.02  # rad; error of the robot's heading on the map, by which far walls are elsewhere
 _NOISE = 0.05  # m; standard deviation of the places of tracks
+_FITTED = 0.02  # m; the same for discs whose rim a laser sees
+_SCANS = 3  # number of scans in which a disc has shown its rim before it counts as one
+_LEG = 0.12  # m; people's legs are no wider, and do not count as discs
+
+
+class Discs(NamedTuple):
+    """Discs that a laser sees."""
+
+    xy: NDArray[np.float64]  # float64[N, 2], m; centres
+    radius: NDArray[np.float64]  # float64[N], m
+    is_circle: NDArray[np.bool_]  # bool[N]; whether the points lie on the disc's rim
+    points: list[NDArray[np.float64]]  # of each disc, float64[M, 2], m
+
+
 _AGILITY = 1.0  # m/s^2; expected acceleration of obstacles
-Discs = tuple[NDArray[np.float64], NDArray[np.float64]]  # centres, float64[N, 2] in m; radii, float64[N] in m
 
 
 def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -178,12 +192,12 @@ def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:
     its points. Clusters that do not fit into a disc of radius `largest` m are halved. Single points are noise.
     """
     if len(xy) == 0:
-        return np.empty((0, 2)), np.empty(0)
+        return Discs(np.empty((0, 2)), np.empty(0), np.empty(0, bool), [])
     breaks = np.flatnonzero(np.hypot(*np.diff(xy, axis=0).T) > gap) + 1
     clusters = np.split(xy, breaks)
     if len(clusters) > 1 and math.dist(xy[0], xy[-1]) <= gap:  # the scan covers the full circle
         clusters[0] = np.vstack((clusters.pop(), clusters[0]))
-    found = []
+    found, points = [], []
     while clusters:
         cluster = clusters.pop()
         if len(cluster) < 2:
@@ -194,9 +208,11 @@ def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:
             clusters += [cluster[: len(cluster) // 2 + 1], cluster[len(cluster) // 2 :]]
             continue
         spacing = float(np.median(np.hypot(*np.diff(cluster, axis=0).T)))
-        found.append(_circle(cluster, largest) or (middle[0], middle[1], extent + spacing / 2))
-    rows = np.array(found[::-1], np.float64).reshape(-1, 3)
-    return rows[:, :2].copy(), rows[:, 2].copy()
+        circle = _circle(cluster, largest)
+        found.append((*(circle or (middle[0], middle[1], extent + spacing / 2)), circle is not None))
+        points.append(cluster)
+    rows = np.array(found[::-1], np.float64).reshape(-1, 4)
+    return Discs(rows[:, :2].copy(), rows[:, 2].copy(), rows[:, 3] > 0.0, points[::-1])
 
 
 def _circle(cluster: NDArray[np.float64], largest: float) -> tuple[float, float, float] | None:
@@ -223,28 +239,39 @@ class Tracker:
     def __init__(self) -> None:
         self.table, self.estimates = make_table(MOST_ROWS, kalman.COLUMNS, ID), np.zeros((MOST_ROWS, 8))
         self.next_id, self.t = 0, -math.inf
+        # Of each track that a laser sees: its radius in m, and in how many scans it was on a circle of that radius.
+        self.radius: dict[int, tuple[float, int]] = {}
 
-    def update(self, t: float, seen: Tracks, xy: XY = (0.0, 0.0)) -> Tracks:
+    def update(self, t: float, seen: Tracks, xy: XY = (0.0, 0.0), places: Discs | None = None) -> Tracks:
         """Update with the tracks seen at `t` s; return all tracks that should be there at `t`. If time goes back, restart.
 
         A track that was seen once is returned that once: the policy, which knows the map, decides whether something hides it.
         Of too many, those nearest to the robot at `xy` m are followed. Complete tracks are returned unchanged. Tracks without
-        an id (-1, or one that occurs twice) get one.
+        an id (-1, or one that occurs twice) get one. `places` are the discs that a laser sees, if `seen` are those.
         """
         seen = seen.distinct()
         if len(seen) and seen.id.min() >= 0 and not np.isnan(seen.velocity).any():
             return seen
         if len(seen) > MOST_ROWS:
-            seen = nearest(seen, xy)
+            seen, places = nearest(seen, xy), None
         if t < self.t:
             self.table.used[0] = 0
         self.t = t
         seen, self.next_id = with_ids(seen, t, self.table, self.next_id)
-        variance = np.column_stack((np.full(len(seen), _NOISE**2), np.zeros(len(seen))))
+        noise = np.full(len(seen), _NOISE)
+        if places is not None:
+            seen, noise = self._centred(seen, t, places)
+        variance = np.column_stack((noise**2, np.zeros(len(seen))))
         scan = seen.id, seen.xy, seen.velocity, seen.radius, variance
         rows, used, _ = self.table
         known, _, _ = kalman.update(rows, used, t, *scan, _AGILITY, self.estimates)
         table, estimate = rows[:known], self.estimates[:known]
+        self.radius = {one: self.radius[one] for one in ids_of(table).tolist() if one in self.radius}
+        now = dict(zip(seen.id.tolist(), seen.radius.tolist(), strict=True))
+        for row in estimate:
+            radius, scans = self.radius.get(int(row[ID]), (0.0, 0))
+            if scans >= _SCANS:
+                row[RADIUS] = max(radius, now.get(int(row[ID]), 0.0))
         there = (table[:, kalman.T] == t) | (table[:, kalman.SCANS] > 1.0)
         table, estimate = table[there], estimate[there]
         covariance = np.zeros((len(table), 4, 4))
@@ -255,8 +282,53 @@ class Tracker:
             covariance[:, place, speed] = covariance[:, speed, place] = table[:, kalman.P12] + age * table[:, kalman.P22]
         return Tracks(ids_of(estimate), estimate[:, :2].copy(), estimate[:, 2:4].copy(), estimate[:, RADIUS].copy(), covariance)
 
+    def _centred(self, seen: Tracks, t: float, places: Discs) -> tuple[Tracks, NDArray[np.float64]]:
+        """Return what a laser sees with better centres, and their standard deviations, m.
 
-def without_ids(places: Discs) -> Tracks:
+        The centre of a circle is known; if its track was none before, it was hidden in part, and was elsewhere all the time.
+        What was a circle and is none now may lie on one of the same radius still. Else it is hidden, or joined to another, and
+        its centre is elsewhere by about as much as its radius is another one. Of all others, such as legs, the middle counts.
+        """
+        xy, radius, noise = seen.xy.copy(), seen.radius.copy(), np.full(len(seen), _NOISE)
+        rows = {int(row[ID]): row for row in rows_in_use(self.table)}
+        for k, one in enumerate(seen.id.tolist()):
+            row = rows.get(one)
+            before, scans = self.radius.get(one, (0.0, 0)) if row is not None else (0.0, 0)
+            change = float(radius[k]) - before
+            if places.is_circle[k] and radius[k] >= _LEG:
+                noise[k] = _FITTED
+                self.radius[one] = float(radius[k]), min(scans + 1, 3 * _SCANS)
+                if row is not None and scans == 0:  # it was hidden in part, and its centre elsewhere
+                    row[[X, Y]] = xy[k] - row[[VX, VY]] * (t - row[kalman.T])
+            elif row is not None and scans > 0:
+                found = _of_radius(places.points[k], before, row[[X, Y]] + row[[VX, VY]] * (t - row[kalman.T]))
+                noise[k] = math.hypot(_NOISE, 2.0 * change) if found is None else _FITTED
+                self.radius[one] = before, scans - (found is None)
+                xy[k], radius[k] = (xy[k], radius[k]) if found is None else (found, before)
+            else:
+                self.radius[one] = float(radius[k]), 0
+        return replace(seen, xy=xy, radius=radius), noise
+
+
+def _of_radius(points: NDArray[np.float64], radius: float, near: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the centre near `near` of the circle of this radius through points, float64[N, 2]; None if there is none.
+
+    It minimises the sum of squared distances from the rim by Gauss and Newton's method.
+    """
+    if len(points) < 3:
+        return None
+    centre = near
+    for _ in range(5):
+        away = points - centre
+        distance = np.hypot(*away.T)
+        if distance.min() < 1e-6:
+            return None
+        error = distance - radius
+        centre = centre + np.linalg.lstsq(away / distance[:, None], error, rcond=None)[0]
+    error = np.hypot(*(points - centre).T) - radius
+    return centre if np.abs(error).max() <= _ROUND and math.dist(centre, near) <= radius else None
+
+
+def without_ids(xy: NDArray[np.float64], radius: NDArray[np.float64]) -> Tracks:
     """Return discs as tracks without ids and velocities."""
-    xy, radius = places
     return Tracks(np.full(len(xy), -1, np.int64), xy, np.full((len(xy), 2), math.nan), radius)
