@@ -42,10 +42,10 @@ def corridor(grid: Grid, path: NDArray[np.float64], width: float) -> Grid:
     return replace(part, blocked=part.blocked | far)
 
 
-def around(grid: Grid, xy: XY, reach: float) -> Grid | None:
-    """Return the part of `grid` up to `reach` m from the row and column of `xy`; None if that is not on the map."""
+def around(grid: Grid, xy: XY, away: float) -> Grid | None:
+    """Return the part of `grid` up to `away` m from the row and column of `xy`; None if that is not on the map."""
     cell = _cells_of(grid, np.array([xy]))
-    return _window(grid, cell, reach)[0] if ((cell >= 0) & (cell < grid.shape)).all() else None
+    return _window(grid, cell, away)[0] if ((cell >= 0) & (cell < grid.shape)).all() else None
 
 
 def _window(grid: Grid, cells: NDArray[np.int64], pad: float) -> tuple[Grid, NDArray[np.int64]]:
