@@ -42,7 +42,10 @@ class Reports:
             self.publish()
 
     def note(self, level: int, reason: str) -> None:
-        """Log what does not change what the node does, such as a goal that moves, once in 10 s."""
+        """Publish what does not change what the node does, such as a goal that moves, and log it once in 10 s."""
+        before, self.last = self.last, (level, reason)
+        self.publish()
+        self.last = before
         if self._is_new(reason, 10.0):
             self._log(level, reason)
 
