@@ -82,6 +82,7 @@ def test_crowds_are_crossed_and_decisions_make_sense() -> None:
         for _, d in result.trace.decisions:
             assert d.action in ACTIONS and d.encounter in ENCOUNTERS and d.reason
             assert d.guard in DID
+            assert seed >= 12 or d.guard != "least-harm", "in the first crowds certain commands suffice"
             assert (d.obstacle is None) == (d.encounter == "")
             if d.obstacle is not None:
                 assert d.time_to_closest >= 0.0 and math.isfinite(d.distance_at_closest)
@@ -219,8 +220,9 @@ def test_to_ask_what_was_weighed_changes_nothing() -> None:
 def test_no_contact_in_motion_with_poor_sensors_and_drives(name: str, changes: dict) -> None:
     """Without velocities, with noise, losses, inertia or wheels a moving robot touches nothing, and mostly arrives (C24)."""
     outcomes = []
-    for seed in range(cases(6, 100)):
-        result = run(crowd(seed, count=8, **changes), make_policy("antway", mode="strict"), seed=seed)
+    few, many = ((seed, "antway") for seed in range(6)), range(cases(6, 100))  # the default mode promises nothing, so a few
+    for seed, policy in (*few, *((seed, make_policy("antway", mode="strict")) for seed in many)):
+        result = run(crowd(seed, count=8, **changes), policy, seed=seed)
         check_episode(result)
         assert result.outcome in (Outcome.REACHED, Outcome.HIT_STANDING), (name, seed, result.reason)
         outcomes.append(result.reached)

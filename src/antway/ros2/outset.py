@@ -42,7 +42,8 @@ def set_out(settings: Settings, given: Grid, level: tuple[Grid, Pose], goal: Goa
         grid = corridor(grid, np.vstack((here, frames.move(into, goal.path))), settings.corridor + settings.robot.radius)
     policy = AntwayPolicy(**settings.policy)
     policy.reset(Task(grid, settings.robot, here, frames.move_point(into, goal.xy), **settings.task), 0)
-    policy.set_surroundings(level[0])
+    if grid is not level[0]:
+        policy.set_surroundings(level[0])
     spare_collections()
     return policy
 

@@ -25,6 +25,7 @@ _ROUND = 0.03  # m; tolerance for points on a circle
 _TURNED = 0.02  # rad; error of the robot's heading on the map, by which far walls are elsewhere
 _NOISE = 0.05  # m; standard deviation of the places of tracks
 _FITTED = 0.02  # m; the same for discs whose rim a laser sees
+_HIDDEN = 2.0  # 1; the centre of a disc that is hidden in part is uncertain by the change of its radius times this
 _SCANS = 3  # number of scans in which a disc has shown its rim before it counts as one
 _LEG = 0.12  # m; people's legs are no wider, and do not count as discs
 
@@ -266,12 +267,13 @@ class Tracker:
         rows, used, _ = self.table
         known, _, _ = kalman.update(rows, used, t, *scan, _AGILITY, self.estimates)
         table, estimate = rows[:known], self.estimates[:known]
-        self.radius = {one: self.radius[one] for one in ids_of(table).tolist() if one in self.radius}
-        now = dict(zip(seen.id.tolist(), seen.radius.tolist(), strict=True))
-        for row in estimate:
-            radius, scans = self.radius.get(int(row[ID]), (0.0, 0))
-            if scans >= _SCANS:
-                row[RADIUS] = max(radius, now.get(int(row[ID]), 0.0))
+        if self.radius:  # nothing but a laser shows rims
+            self.radius = {one: self.radius[one] for one in ids_of(table).tolist() if one in self.radius}
+            now = dict(zip(seen.id.tolist(), seen.radius.tolist(), strict=True))
+            for row in estimate:
+                radius, scans = self.radius.get(int(row[ID]), (0.0, 0))
+                if scans >= _SCANS:
+                    row[RADIUS] = max(radius, now.get(int(row[ID]), 0.0))
         there = (table[:, kalman.T] == t) | (table[:, kalman.SCANS] > 1.0)
         table, estimate = table[there], estimate[there]
         covariance = np.zeros((len(table), 4, 4))
@@ -302,7 +304,7 @@ class Tracker:
                     row[[X, Y]] = xy[k] - row[[VX, VY]] * (t - row[kalman.T])
             elif row is not None and scans > 0:
                 found = _of_radius(places.points[k], before, row[[X, Y]] + row[[VX, VY]] * (t - row[kalman.T]))
-                noise[k] = math.hypot(_NOISE, 2.0 * change) if found is None else _FITTED
+                noise[k] = math.hypot(_NOISE, _HIDDEN * change) if found is None else _FITTED
                 self.radius[one] = before, scans - (found is None)
                 xy[k], radius[k] = (xy[k], radius[k]) if found is None else (found, before)
             else:
