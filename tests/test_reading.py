@@ -50,6 +50,16 @@ def test_deep_and_swarming_json_is_refused_before_it_is_parsed(tmp_path, text):
         Trace.load(tmp_path / "t.json")
 
 
+@pytest.mark.parametrize("text", ["a" * 10**6, "a" + " " * 10**6, '"' * 10**6, "a.b " * 250_000, "a." * 10**6])
+def test_the_time_of_reading_toml_grows_with_its_length_alone(text, tmp_path):
+    """A search for keys of many parts took minutes where a word was long, because it began anew at each of its letters."""
+    (tmp_path / "robot.toml").write_text(text[: 2**20])
+    read = "from antway.world.robots import load_robot; load_robot('robot.toml')"
+    done = subprocess.run([sys.executable, "-c", read], cwd=tmp_path, capture_output=True, timeout=60, text=True)
+    assert re.search(r"errors\.(TooLarge|BadScenario): ", done.stderr.splitlines()[-1])
+    assert len(done.stderr) < 10_000, "a message shows little of a long key"
+
+
 def test_tsplib_files_of_endless_short_lines_are_refused():
     """D6: so do short lines."""
     head = b"NAME : a\nTYPE : TSP\nDIMENSION : 5\nEDGE_WEIGHT_TYPE : EUC_2D\nNODE_COORD_SECTION\n"

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from antway.errors import BadInput, BadMap, BadScenario, TooLarge
 from antway.limits import MAX_DEPTH, MAX_LISTS
 
-_DOTTED = re.compile(rf"(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_DEPTH},}}")
+# Keys of many dotted parts. It starts at the start of a word and never goes back, so that its time grows with the text alone.
+_DOTTED = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH},}}")
 _PLAIN_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|seq|map|null)")
 _SPACE = re.compile(rb"\s")
 _BLOCK = 2**20  # bytes of text that are split into words at once
