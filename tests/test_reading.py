@@ -262,3 +262,11 @@ def test_the_table_of_limits_is_that_of_the_code():
         if module.startswith("web."):
             pytest.importorskip("starlette", reason="the extra web is not installed")
         assert float(value) == getattr(importlib.import_module(f"antway.{module}"), name), name
+
+
+def test_a_long_key_is_shortened_in_the_message(tmp_path):
+    """A key of two million letters made a message of as many."""
+    (tmp_path / "long.toml").write_text('"' + "\\u0041" * 2_000_000 + '" = 1\n')
+    with pytest.raises(BadScenario) as caught:
+        load_scenario(tmp_path / "long.toml")
+    assert len(str(caught.value)) < 1000

@@ -55,11 +55,8 @@ class BadInput(AntwayError, ValueError):
         super().__init__(field, value, allowed, where)
 
     def __str__(self) -> str:
-        shown = _shown(self.value)
-        if len(shown) > 80:
-            shown = shown[:60] + "..." + shown[-15:]
         place = f"{self.where}: " if self.where else ""
-        return f"{place}{self.field} = {shown}: must be {self.allowed}"
+        return f"{place}{_short(self.field, 200)} = {_short(_shown(self.value), 80)}: must be {self.allowed}"
 
     def at(self, where: str, field: str | None = None) -> Self:
         """Return the same error for the part `field` of the file, line or call `where`."""
@@ -67,6 +64,11 @@ class BadInput(AntwayError, ValueError):
 
     def __reduce__(self) -> tuple[object, ...]:
         return partial(type(self), where=self.where), (self.field, self.value, self.allowed)
+
+
+def _short(text: str, most: int) -> str:
+    """Return a text of at most about `most` characters: the first and the last ones of a longer one."""
+    return text if len(text) <= most else text[: most - 20] + "..." + text[-15:]
 
 
 def _shown(value: object) -> str:
