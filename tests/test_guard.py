@@ -8,7 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from antway import BadParameter, Command, Decision, Grid, Observation, RobotSpec, Task, Tracks
+from antway import (
+    BadParameter,
+    Command,
+    Decision,
+    Grid,
+    Observation,
+    RobotSpec,
+    Task,
+    Tracks,
+    check_episode,
+    load_scenario,
+    make_policy,
+    run,
+)
 from antway.kernels.base.geometry import segment_hits_cells, swept_discs
 from antway.kernels.base.records import RobotState
 from antway.kernels.robot.dynamics import drive
@@ -311,6 +324,13 @@ def test_a_guarded_policy_says_what_the_guard_did() -> None:
     tracks = Tracks(np.array([0]), np.array([[5.75, 5.0]]), np.zeros((1, 2)), np.array([0.3]))
     policy.act(Observation(0.0, (5.0, 5.0), (0.0, 0.0), 0.0, tracks))
     assert policy.explain().guard in ("slowed", "braked")
+
+
+def test_a_guarded_oracle_knows_the_future():
+    """What a policy is told besides its task reaches it through the guard."""
+    result = run(load_scenario("paper"), Guarded(make_policy("oracle")), seed=1)
+    assert result.reached
+    check_episode(result)
 
 
 def test_a_policy_that_changes_the_observation_does_not_blind_the_guard() -> None:

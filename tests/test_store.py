@@ -9,11 +9,13 @@ import os
 import sqlite3
 import subprocess
 import sys
+import zlib
 
 import pytest
 
 from antway.arena.store import COLUMNS, Results, Row, export
 from antway.errors import BadParameter, BadResults
+from antway.world.tracefile import MAX_BYTES
 from common import cases
 
 
@@ -138,6 +140,29 @@ def test_a_read_only_file_is_refused(file):
             results.add(row(99))
     finally:
         file.parent.chmod(0o755)
+
+
+def test_reading_changes_no_folder(file):
+    """Reading leaves no file behind, so that a file in a read-only folder or medium can be read."""
+    with Results(file, write=False) as results:
+        assert len(results.rows()) == 50
+        assert [one.name for one in file.parent.iterdir()] == [file.name]
+
+
+def test_a_trace_that_unpacks_to_more_than_can_be_read_is_refused(file):
+    """A few kilobytes may unpack to gigabytes."""
+    with sqlite3.connect(file) as db:
+        db.execute("UPDATE episodes SET trace = ?", (zlib.compress(bytes(MAX_BYTES + 1)),))
+    with Results(file, write=False) as results, pytest.raises(BadResults, match="has more than"):
+        results.trace(row(1).key)
+
+
+@pytest.mark.parametrize("write", [False, True])
+def test_a_name_that_no_file_can_have_is_refused(write, tmp_path):
+    """SQLite would take the part before a NUL for the name."""
+    with pytest.raises(BadResults):
+        Results(f"{tmp_path}/a\0.db", write=write)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_lock_is_waited_for(tmp_path):

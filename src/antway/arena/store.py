@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from antway.errors import BadParameter, BadResults
+from antway.world.tracefile import MAX_BYTES
 
 EXPORTS = ("csv", "json", "parquet")
 APPLICATION = 0x616E7477  # "antw"; application id that SQLite stores in the file
@@ -95,10 +96,12 @@ class Results:
 
     def __init__(self, path: str | Path, *, write: bool = True) -> None:
         self.path, self.write = Path(path), write
-        if not write and not self.path.is_file():
-            raise BadResults("results", str(path), "an existing file")
+        if "\0" in str(path) or (not write and not self.path.is_file()):
+            raise BadResults("results", str(path), "the name of a file" if write else "an existing file")
         with self._refusals():
             mode = "rwc" if write else "ro"
+            if not write and not Path(f"{self.path}-wal").exists():  # nobody writes, so that SQLite need not lock or make files
+                mode += "&immutable=1"
             uri = f"{self.path.absolute().as_uri()}?mode={mode}"
             self.db = sqlite3.connect(uri, uri=True, timeout=60.0, isolation_level=None)
             try:
@@ -203,9 +206,13 @@ class Results:
         if found is None or found[0] is None:
             return ""
         try:
-            return zlib.decompress(found[0]).decode()
+            unpacked = zlib.decompressobj()
+            text = unpacked.decompress(found[0], MAX_BYTES).decode()
+            if not unpacked.eof:
+                raise zlib.error
         except (zlib.error, UnicodeDecodeError):
-            raise self._bad(f"undamaged; the trace of {key[:3]} is not") from None
+            raise self._bad(f"undamaged; the trace of {key[:3]} is not, or has more than {MAX_BYTES} bytes") from None
+        return text
 
     @contextmanager
     def _refusals(self) -> Iterator[None]:

@@ -120,7 +120,7 @@ class Waypoints:
             period = t[-1]
             rounds = math.ceil(min(horizon / period, MAX_KNOTS)) + 1
             if rounds * (len(t) - 1) > MAX_KNOTS:
-                raise BadScenario("speed", speed, f"such that the course has at most {MAX_KNOTS} knots")
+                raise BadScenario("speed", speed, f"such that the path has at most {MAX_KNOTS} knots")
             t = np.concatenate((t[:1], *(t[1:] + i * period for i in range(rounds))))
             xy = np.vstack((xy[:1], *[xy[1:]] * rounds))
             t, xy = _from((t, xy), phase * period)
@@ -248,7 +248,7 @@ def _bounce(
         if n <= size:
             return t[:n], grid.to_xy(rc[:n])
         if size > MAX_KNOTS:
-            raise BadScenario("speed", speed, f"such that the course has at most {MAX_KNOTS} knots")
+            raise BadScenario("speed", speed, f"such that the path has at most {MAX_KNOTS} knots")
         size *= 8
 
 
