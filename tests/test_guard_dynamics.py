@@ -13,7 +13,7 @@ from antway import Command, Grid, Observation, RobotSpec, Task, Tracks
 from antway.kernels.base.records import RobotState, Trajectories
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
 from antway.kernels.robot.cycle import play
-from antway.kernels.robot.motion import delayed
+from antway.kernels.robot.motion import delayed, drive_cycle
 from antway.kernels.robot.sweep import Body
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
@@ -286,6 +286,31 @@ def test_the_certified_stop_outlives_what_is_learnt_of_the_robot() -> None:
     seen = Observation(0.0, (5.0, 4.0), (math.cos(1.07), math.sin(1.07)), 1.07, Tracks.none(), turn_rate=1.0)
     guard.limit(seen, Command(twist=(1.0, 2.0)))
     kept, sent = guard.dynamic.keep.tolist(), guard.dynamic.sent.tolist()
-    assert kept[1] > 0.0
+    assert kept[2] > 0.0
     guard.set_robot(replace(task, robot=replace(robot, latency=0.2, brake_max=0.8)))
     assert guard.dynamic.keep.tolist() == kept and guard.dynamic.sent.tolist() == [[0.0, 0.0], *sent]
+
+
+@pytest.mark.parametrize("along", [0, 1])
+def test_without_wheels_a_stop_bends_along_a_wall(along: int) -> None:
+    """A robot that nears a wall at a small angle drives on: it can brake across the wall first; straight braking would touch.
+
+    Such commands used to be refused, so that robots slowed down before whoever they were about to pass.
+    """
+    robot = RobotSpec(a_max=1.0, dt=DT)
+    blocked = np.zeros((40, 40), dtype=bool)
+    blocked.T[22:] = True
+    grid = Grid(blocked if along else blocked.T, SIZE)
+    xy, velocity = ((5.0, 5.07), (0.95, 0.25)) if along == 0 else ((5.07, 5.0), (0.25, 0.95))
+    guard = Guard()
+    guard.reset(Task(grid, robot, (2.0, 2.0), (2.0, 3.0)))
+    command = guard.limit(Observation(0.0, xy, velocity, 0.0, Tracks.none()), Command(velocity))
+    assert guard.did == "free" and command.velocity == velocity
+    straight = 0.5 * math.hypot(*velocity) * velocity[1 - along]  # m; how far straight braking leads towards the wall
+    assert xy[1 - along] + velocity[1 - along] * DT + straight > 5.5 - robot.radius
+    state = RobotState(*xy, 0.0, *velocity)
+    for i in range(30):
+        state = drive_cycle(state, *command.velocity, robot.limits, DT)
+        assert max(state.x, state.y) < 10.0 and state[1 - along] < 5.5 - robot.radius - 0.005
+        command = guard.limit(Observation(DT * (i + 1), (state.x, state.y), (state.a, state.b), 0.0, Tracks.none()), None)
+    assert math.hypot(state.a, state.b) == 0.0

@@ -336,7 +336,7 @@ def test_it_brakes_after_two_periods_without_odometry() -> None:
     Odometry that is back is answered by driving on. It used to drive on until `timeout`, at any speed, into walls.
     """
     drive = ready(**INERTIA)
-    drive.pilot.guard.dynamic.keep[:2] = 0.5, 2.0  # the stop turns by 0.5 rad/s for two periods
+    drive.pilot.guard.dynamic.keep[1:3] = 0.5, 2.0  # the stop turns by 0.5 rad/s for two periods
     for held in (0.05, 0.15, 0.2):
         assert drive.pilot.silent(held, held) is None
     answers = {round(held, 3): drive.pilot.silent(held, held) for held in np.arange(0.225, 0.49, 0.025).tolist()}
@@ -1035,7 +1035,7 @@ def test_a_stop_that_turns_is_driven_to_its_end(monkeypatch) -> None:
     for way in ("odometry", "silent", "the node ends", "a new goal"):
         drive = ready(**{"robot.drive": "differential", "robot.a_max": 1.0, "robot.alpha_max": 3.0})
         pilot, last = drive.pilot, drive.pilot.command
-        pilot.guard.dynamic.keep[:2] = 0.5, 2.0
+        pilot.guard.dynamic.keep[1:3] = 0.5, 2.0
         assert pilot.drop("on request").command is last
         if way == "a new goal":
             pilot.go(Goal((2.0, 6.0)))

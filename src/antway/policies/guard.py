@@ -19,8 +19,9 @@ from antway.kernels.robot.brake import Robot
 from antway.kernels.robot.passing import fallback, passed_among
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
-from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks, as_policy, commanded
+from antway.world.policy import Command, Decision, Foresees, Observation, Policy, RobotSpec, Task, Tracks, as_policy, commanded
 from antway.world.terrain import body_of, terrain_of, walls_of
+from antway.world.timeline import Timeline
 
 _EARLY = 1e-6  # s; a stamp that is ahead by less is now
 _NEWER = 0.05  # s; a scan that is newer than the robot's place by more is not used
@@ -106,6 +107,11 @@ def assumed_swerve(task: Task, mode: str) -> float:
 def relative_swerve(task: Task) -> float:
     """Return the declared bound on changes of velocity as a share of that of people, at most 1."""
     return min(float(task.obstacle_swerve) / PEOPLE_ACCEL, 1.0)
+
+
+def longest_stop(robot: RobotSpec) -> float:
+    """Return how long a certified stop takes at most, s: without wheels, a robot may brake along one axis after the other."""
+    return robot.stop_time * (1.0 if robot.wheels else math.sqrt(2.0))
 
 
 class Guard:
@@ -254,7 +260,7 @@ class _Dynamic:
         robot = self.robot = task.robot
         self.strict, self.swerve = mode == "strict", assumed_swerve(task, mode)
         self.late = math.ceil(robot.latency / robot.dt - 1e-9)  # number of commands that do not act yet
-        self.rows, near, self.keep = np.empty((_TRACKS, COLUMNS)), np.empty((_TRACKS, COLUMNS)), np.array([0.0, 0.0, -1.0])
+        self.rows, near, self.keep = np.empty((_TRACKS, COLUMNS)), np.empty((_TRACKS, COLUMNS)), np.array([0.0, 0.0, 0.0, -1.0])
         self.record = Robot(robot.limits, body_of(robot), walls_of(grid), robot.dt, _MARGIN, self.strict, near, self.keep)
         # The kernel is loaded now, because to load it in the first cycle would delay that.
         entry(passed_among, _AT_REST, self.rows[:0, :2].copy(), self.rows[:0], self.record, 0.0)
@@ -264,7 +270,7 @@ class _Dynamic:
             self.sent = np.vstack((self.sent, before.sent))[len(before.sent) :]
         turning = 0.0 if robot.footprint is None else 2.0 * robot.turn_rate / robot.alpha_max
         # The longest time until the end of any certified manoeuvre.
-        self.stopping = robot.latency + 2.0 * robot.dt + max(robot.stop_time, turning) + turning
+        self.stopping = robot.latency + 2.0 * robot.dt + max(longest_stop(robot), turning) + turning
         aside = math.pi / 2 / robot.turn_rate + robot.turn_rate / robot.alpha_max if robot.wheels else 0.0
         # Time to turn and to get out of the path of a disc as large as the robot.
         self.aside = robot.latency + aside + 2.0 * math.sqrt(2.0 * robot.radius / robot.a_max)
@@ -295,7 +301,7 @@ class _Dynamic:
 
     def stop(self, o: Observation) -> Command:
         """Return the next command of the certified stop."""
-        one, two, _ = fallback(self.keep, self.robot.wheels)
+        one, two, _ = fallback(self.keep)
         return self._command(o, one, two)
 
     def _command(self, o: Observation, one: float, two: float) -> Command:
@@ -335,6 +341,11 @@ class Guarded:
         self.inner: Decision | None = None
         self.last_decision: Decision | None = None
         self.learner = policy if isinstance(policy, LearnsResponse) else None
+
+    def foresee(self, timeline: Timeline) -> None:
+        """Hand on where all obstacles will be, if the policy is to know that."""
+        if isinstance(self.policy, Foresees):
+            self.policy.foresee(timeline)
 
     def reset(self, task: Task, seed: int) -> None:
         """Start an episode."""

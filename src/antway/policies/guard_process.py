@@ -39,7 +39,7 @@ import numpy as np
 
 from antway import checks
 from antway.errors import BadInput, BadParameter
-from antway.policies.guard import Guard
+from antway.policies.guard import Guard, longest_stop
 from antway.policies.guard_memory import SIDES, SIZE, Answer, Link
 from antway.processes import spare_collections
 from antway.world.policy import Command, Observation, Policy, Task, Tracks
@@ -281,7 +281,7 @@ class _Server:
         if self.task is None or self.seen is None or self.link.views["rest"][0] == self.number:
             return
         robot = self.task.robot
-        for _ in range(math.ceil((robot.stop_time + robot.latency) / robot.dt) + 2):
+        for _ in range(math.ceil((longest_stop(robot) + robot.latency) / robot.dt) + 2):
             self.brake(self.task)
             time.sleep(robot.dt)
 

@@ -1,9 +1,10 @@
 """The guard for robots with inertia: after a command, is there a manoeuvre that surely stops the robot without contact?
 
-A manoeuvre is one control cycle of the command, then braking with some turn rate for some cycles, then braking without
-turning. It is certified if the true path of the footprint (ramps, arcs) keeps a margin to walls and out of every place
-that an obstacle can reach by that time (kernels/robot/reach.py). What an obstacle can reach by a given time shrinks with each
-observation, so a certified manoeuvre stays certified: the guard keeps the last one and falls back on it.
+A manoeuvre is one control cycle of the command, then a bend for some cycles, then braking along a straight line. In a bend
+wheels brake with some turn rate; a holonomic robot brakes along one axis of the map and keeps its speed along the other, such
+as that along a wall. The manoeuvre is certified if the true path of the footprint (ramps, arcs) keeps a margin to walls and out
+of every place that an obstacle can reach by that time (kernels/robot/reach.py). What an obstacle can reach by a given time
+shrinks with each observation, so a certified manoeuvre stays certified: the guard keeps the last one and falls back on it.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ from antway.kernels.robot.motion import REST, drive_roughly
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y
 from antway.kernels.robot.sweep import DIRECTIONS, Body, Segment, axis_gap, disc_axis, enlarged, meets_wall, pose, straight
 
-TURN, CYCLES, SIDE = range(3)  # entries of the guard's state: turn rate of the kept stop, its cycles left, last side taken
-STRAIGHT = 0.01  # rad/s; a smaller turn rate counts as none
+# Entries of the guard's state: the command in the bend of the kept stop, the cycles left of it, and the last side taken.
+BEND_A, BEND_B, CYCLES, SIDE = range(4)
+STRAIGHT = 0.01  # rad/s, m/s; a smaller turn rate or speed along an axis counts as none
 _SLACK = 0.01  # m; obstacles beyond the farthest place of a manoeuvre by more than this are left out
 _CLOSE = 1e-12  # m; a smaller gap is a contact
 _IN_WALL = 1e-3  # m; a body that is deeper in a wall than this is so because its place or the map is wrong
@@ -44,7 +46,7 @@ class Robot(NamedTuple):
     margin: float  # m; distance kept from walls
     strict: bool  # whether steps aside are certified against obstacles too, not only against walls
     rows: NDArray[np.float64]  # float64[N, 8]; scratch memory for the obstacles that are near, at least as many as there are
-    keep: NDArray[np.float64]  # float64[3]; the guard's state from cycle to cycle: the certified stop and the last side taken
+    keep: NDArray[np.float64]  # float64[4]; the guard's state from cycle to cycle: the certified stop and the last side taken
 
 
 class Situation(NamedTuple):
@@ -97,17 +99,17 @@ def _segment_is_clear(m: Segment, t: float, h: float, situation: Situation) -> b
 
 
 @bare_kernel
-def certified(situation: Situation, ca: float, cb: float, turn: float, cycles: int) -> bool:
+def certified(situation: Situation, ca: float, cb: float, bend_a: float, bend_b: float, cycles: int) -> bool:
     """Tell whether the command (ca, cb) is certified together with the stop that follows it.
 
-    The stop is the command (0, turn) for `cycles` cycles, then (0, 0).
+    The stop is the command (bend_a, bend_b) for `cycles` cycles, then (0, 0).
     """
     state, robot = situation.state, situation.robot
     limits, t = robot.limits, robot.limits.latency
     holonomic, disc = limits.drive == HOLONOMIC, len(robot.body.corners) == 1
-    for phase in range(3):  # the command, the stop while it turns, the stop without turning
+    for phase in range(3):  # the command, the bend of the stop, its straight end
         left = (robot.dt, cycles * robot.dt, math.inf)[phase]
-        one, two = (ca, cb) if phase == 0 else (0.0, turn if phase == 1 else 0.0)
+        one, two = ((ca, cb), (bend_a, bend_b), (0.0, 0.0))[phase]
         while left > 0.0:
             if phase > 0:
                 turn_ends = disc or (phase == 2 and abs(state.b) <= REST)  # a disc may go on turning in place
@@ -129,20 +131,29 @@ def certified(situation: Situation, ca: float, cb: float, turn: float, cycles: i
 def stop_for(situation: Situation, ca: float, cb: float) -> bool:
     """Tell whether some stop certifies the command (ca, cb), and keep that stop in `robot.keep`.
 
-    The stops tried brake with a turn rate of 0 and, for wheels, with the present turn rate, full left and full right.
+    The stops tried have no bend; or wheels brake with the present turn rate, full left and full right, and a holonomic robot
+    brakes first across the map's axis along which it is faster, or across the other one.
     """
     robot = situation.robot
-    limits, cycles, w = robot.limits, 0, 0.0
-    if limits.drive != HOLONOMIC:
-        _, _, _, v, w = drive_roughly(situation.state, ca, cb, limits, robot.dt)
-        cycles = math.ceil(abs(v) / (limits.brake_max * robot.dt) - 1e-9) if abs(v) > REST else 0
-    for kind in range(4 if cycles > 0 else 1):
-        turn = (0.0, w, limits.turn_rate, -limits.turn_rate)[kind]
-        if kind == 1 and abs(w) < STRAIGHT:
-            continue
-        count = cycles if kind > 0 else 0
-        if certified(situation, ca, cb, turn, count):
-            robot.keep[TURN], robot.keep[CYCLES] = turn, float(count)
+    limits, keep = robot.limits, robot.keep
+    if certified(situation, ca, cb, 0.0, 0.0, 0):
+        keep[BEND_A], keep[BEND_B], keep[CYCLES] = 0.0, 0.0, 0.0
+        return True
+    _, _, _, a, b = drive_roughly(situation.state, ca, cb, limits, robot.dt)
+    holonomic = limits.drive == HOLONOMIC
+    for kind in range(2 if holonomic else 3):
+        if holonomic:
+            along_x = (abs(a) > abs(b)) == (kind == 0)
+            bend_a, bend_b, lost = (a, 0.0, abs(b)) if along_x else (0.0, b, abs(a))
+            if min(abs(a), abs(b)) < STRAIGHT:
+                continue
+        else:
+            bend_a, bend_b, lost = 0.0, (b, limits.turn_rate, -limits.turn_rate)[kind], abs(a)
+            if lost <= REST or abs(bend_b) < STRAIGHT:
+                continue
+        cycles = math.ceil(lost / (limits.brake_max * robot.dt) - 1e-9)
+        if cycles > 0 and certified(situation, ca, cb, bend_a, bend_b, cycles):
+            keep[BEND_A], keep[BEND_B], keep[CYCLES] = bend_a, bend_b, float(cycles)
             return True
     return False
 
@@ -157,12 +168,13 @@ def situation_of(state: RobotState, robot: Robot, tracks: NDArray[np.float64]) -
 def _nearby(state: RobotState, robot: Robot, tracks: NDArray[np.float64]) -> int:
     """Copy the obstacles that a cycle and a stop could come near to `robot.rows`; return how many there are."""
     (x, y, _, a, b), limits, n = state, robot.limits, 0
-    speed = math.hypot(a, b) if limits.drive == HOLONOMIC else abs(a)
+    holonomic = limits.drive == HOLONOMIC
+    speed = math.hypot(a, b) if holonomic else abs(a)
     fastest = min(speed + limits.a_max * robot.dt, limits.v_max)
     stop = fastest / limits.brake_max if limits.brake_max < math.inf else 0.0
     turning = limits.turn_rate / limits.alpha_max if len(robot.body.corners) > 1 and limits.alpha_max < math.inf else 0.0
-    time = limits.latency + 2.0 * robot.dt + max(stop, turning) + turning
-    far = fastest * (robot.dt + stop) + robot.body.radius + _SLACK
+    time = limits.latency + 2.0 * robot.dt + max(math.sqrt(2.0) * stop if holonomic else stop, turning) + turning
+    far = fastest * (2.0 * robot.dt + stop) + robot.body.radius + _SLACK
     for k in range(len(tracks)):
         away = math.hypot(tracks[k, X] - x, tracks[k, Y] - y) - tracks[k, RADIUS]
         if away - tracks[k, SPEED] * (tracks[k, AGE] + time) <= far:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.geometry import TOUCH, free_distance
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotState
-from antway.kernels.robot.brake import CYCLES, SIDE, STRAIGHT, TURN, Robot, Situation, situation_of, stop_for
+from antway.kernels.robot.brake import BEND_A, BEND_B, CYCLES, SIDE, STRAIGHT, Robot, Situation, situation_of, stop_for
 from antway.kernels.robot.guard import BRAKED, FREE, LEAST_HARM, SLOWED, STEPPED_ASIDE, time_to_contact
 from antway.kernels.robot.motion import REST, clipped, drive_roughly
 from antway.kernels.robot.reach import AGE, RADIUS, VX, VY, X, Y
@@ -148,7 +148,7 @@ def passed_command(
         return ca, cb, FREE
     if stop_for(situation, 0.0, 0.0):
         return 0.0, 0.0, BRAKED
-    return fallback(robot.keep, wheels)
+    return fallback(robot.keep)
 
 
 @bare_kernel
@@ -182,9 +182,9 @@ def passed_among(
 
 
 @bare_kernel
-def fallback(keep: NDArray[np.float64], wheels: bool) -> tuple[float, float, int]:
+def fallback(keep: NDArray[np.float64]) -> tuple[float, float, int]:
     """Return the next command of the kept stop, which was certified when its command was given."""
-    if wheels and keep[CYCLES] > 0.0:
+    if keep[CYCLES] > 0.0:
         keep[CYCLES] -= 1.0
-        return 0.0, keep[TURN], BRAKED
+        return keep[BEND_A], keep[BEND_B], BRAKED
     return 0.0, 0.0, BRAKED
