@@ -108,7 +108,7 @@ def routing(graph: AntGraph) -> Callable[[], int] | None:
     for cell, bits in enumerate(graph.net.legal.tolist()):
         for k in range(8):
             if bits >> k & 1:
-                network.add_edge(str(cell), str(cell + int(graph.offsets[k])), cost=float(graph.lengths[k]))
+                network.add_edge(str(cell), str(cell + int(graph.offsets[k])), cost=float(Moves.EIGHT.lengths[k]))
     colony = ACO(network, ant_max_steps=100, num_iterations=1, ant_random_spawn=False)
 
     def run() -> int:

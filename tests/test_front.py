@@ -26,7 +26,7 @@ def test_costs_to_go_are_the_fixed_point_of_bellmans_equation():
     for _ in range(cases(15, 300)):
         graph = random_ground(rng, 3, 8)
         cost, turn = rng.random(graph.distance.size) + 0.1, float(rng.choice([0.0, 0.3, 5.0]))
-        wanted = naive.costs_to_go(graph.net.legal, graph.offsets, graph.lengths, cost, turn, graph.goal)
+        wanted = naive.costs_to_go(graph.net.legal, graph.offsets, Moves.EIGHT.lengths, cost, turn, graph.goal)
         np.testing.assert_allclose(kernel.costs_to_go(graph.for_kernels, cost, turn), wanted, rtol=1e-9)
     plain = kernel.costs_to_go(graph.for_kernels, np.ones(cost.size), 0.0)
     assert plain[graph.start].min() == pytest.approx(graph.bound)
@@ -45,7 +45,7 @@ def test_scores_are_those_of_each_path():
             if walkers.depth[ant] < 0:
                 assert np.isinf(found[ant]).all()
             else:
-                args = (graph.offsets, graph.lengths, graph.start, walkers.path(ant).tolist(), clearance, danger)
+                args = (graph.offsets, Moves.EIGHT.lengths, graph.start, walkers.path(ant).tolist(), clearance, danger)
                 np.testing.assert_allclose(found[ant], naive.score(*args), rtol=1e-12)
 
 
@@ -74,7 +74,7 @@ def test_fronts_of_small_maps_are_exact():
     for seed in range(number):
         graph = random_ground(rng, 3, 12)
         front = pareto(graph.problem, seed=seed)
-        exact = naive.front(graph.net.legal, graph.offsets, graph.lengths, graph.start, graph.goal)
+        exact = naive.front(graph.net.legal, graph.offsets, Moves.EIGHT.lengths, graph.start, graph.goal)
         whole += len(exact) == len(front.values) and np.allclose(front.values, exact)
         for plan in front.plans:
             check_plan(graph.problem, plan)

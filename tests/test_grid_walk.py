@@ -116,7 +116,7 @@ def test_weights_are_the_numerator_of_equation_1():
                         d = graph.distance[j]
                     eta = 1 / max(d, kernel.NEAR)
                     if heuristic == "field":
-                        eta = math.exp(-(graph.lengths[k] + max(d, kernel.NEAR) - graph.distance[cell]))
+                        eta = math.exp(-(Moves.EIGHT.lengths[k] + max(d, kernel.NEAR) - graph.distance[cell]))
                     expected[k] = tau[cell, k] ** alpha * eta**2
                 np.testing.assert_allclose(weights[cell], expected / expected.max(), rtol=1e-6, atol=1e-29)
 

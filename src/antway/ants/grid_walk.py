@@ -64,11 +64,6 @@ class AntGraph:
         return np.pad(self.net.offsets, (0, 8 - len(self.net.offsets)))
 
     @cached_property
-    def lengths(self) -> NDArray[np.float64]:
-        """Length of each move in cells, float64[8]."""
-        return Moves.EIGHT.lengths
-
-    @cached_property
     def distance(self) -> NDArray[np.float64]:
         """Exact distance to the goal in cells, float64[N]; infinite where it cannot be reached."""
         return self.distance_from(self.problem.goal)
@@ -85,7 +80,7 @@ class AntGraph:
     @cached_property
     def for_kernels(self) -> kernel.GridGraph:
         """The record that kernels take."""
-        return kernel.GridGraph(self.net.legal, self.offsets, self.lengths, self.start, self.goal)
+        return kernel.GridGraph(self.net.legal, self.offsets, Moves.EIGHT.lengths, self.start, self.goal)
 
     @property
     def start(self) -> int:

@@ -6,9 +6,10 @@ On a static grid exact search is always faster. Ants are useful where the search
 
 from __future__ import annotations
 
+import inspect
 import math
 from dataclasses import dataclass
-from typing import TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +20,7 @@ from antway.ants.immune import Immune, Immunity
 from antway.ants.persistence import Constant, Persistence
 from antway.ants.rules import MaxMinAntSystem, Rule, make_rule
 from antway.errors import BadParameter
-from antway.grid import Grid
+from antway.grid import Grid, Moves
 from antway.kernels.colony.grid_walk import entropy
 from antway.planning import Budget, Plan, Problem, Status, start_clock
 
@@ -57,26 +58,7 @@ class Exploration:
         return np.array(self.pheromone.sum(axis=2), np.float32)
 
 
-class Options(TypedDict, total=False):
-    """The options of `explore` that `ants` has, too."""
-
-    rule: str | Rule
-    persistence: Persistence | None
-    ants: int | None
-    cycles: int
-    alpha: float | None
-    beta: float | None
-    heuristic: str
-    step_limit: int | None
-    retreat: bool
-    pheromone: str | ArrayLike
-    window: Window | None
-    forbidden: ArrayLike | None
-    immune: Immune | None
-    threads: int
-
-
-def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **options: Unpack[Options]) -> Plan:
+def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **options: Any) -> Plan:
     """Return the best path that a colony finds; it stops once the lower bound proves that path optimal.
 
     Parameters
@@ -88,7 +70,7 @@ def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **option
         When time runs out, the best path so far is returned with `Status.BUDGET`. The clock is read every 2^15 cells and every
         2^18 ant steps.
     **options
-        Those of `explore`.
+        Those of `explore` from `rule` to `threads`.
 
     Examples
     --------
@@ -97,8 +79,10 @@ def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **option
     >>> round(plan.length, 3), plan.optimal
     (11.314, True)
     """
-    for name in (name for name in options if name not in Options.__annotations__):
-        raise BadParameter(name, options.get(name), f"left out: the options are {', '.join(Options.__annotations__)}")
+    known = list(inspect.signature(explore).parameters)[3:-2]  # all but problem, seed and budget, record and stop_at_bound
+    for name in options:
+        if name not in known:
+            raise BadParameter(name, options[name], f"left out: the options are {', '.join(known)}")
     return explore(problem, seed=seed, budget=budget, record=False, stop_at_bound=True, **options).plan
 
 
@@ -270,7 +254,7 @@ def _set_pheromone(trail: Trail, pheromone: str | ArrayLike) -> None:
     if isinstance(pheromone, str):
         from_cell = graph.distance_from(graph.problem.start)
         cell, move = np.nonzero(legal)
-        over = from_cell[cell] + graph.lengths[move] + graph.distance[cell + graph.offsets[move]]
+        over = from_cell[cell] + Moves.EIGHT.lengths[move] + graph.distance[cell + graph.offsets[move]]
         trail.tau[cell, move] *= np.exp(graph.bound - over)
     else:
         left = checks.array("pheromone", pheromone, (*graph.problem.grid.shape, 8))
