@@ -25,23 +25,14 @@ __all__ = ["GreyTrapWarning", "Limits", "ResolutionWarning", "ScenRow", "load_co
 
 PICTURES = (".png", ".pgm")  # formats that do not store the resolution, although their users have one in mind
 _DRAWN = (*PICTURES, ".txt", ".map")  # formats that look like the map, with the first line on top
-_READ: dict[str, Callable[[Path, Limits], Grid]] = {
-    ".yaml": ros.read,
-    ".yml": ros.read,
-    ".pgm": image.read,
-    ".png": image.read,
-    ".map": movingai.read,
-    ".txt": text.read,
-    ".npy": image.read_npy,
-}
-_WRITE: dict[str, Callable[[Grid, Path], None]] = {
-    ".yaml": ros.write,
-    ".yml": ros.write,
-    ".pgm": image.write_pgm,
-    ".png": image.write_png,
-    ".map": movingai.write,
-    ".txt": text.write,
-    ".npy": image.write_npy,
+_FORMATS: dict[str, tuple[Callable[[Path, Limits], Grid], Callable[[Grid, Path], None]]] = {  # what reads and writes them
+    ".yaml": (ros.read, ros.write),
+    ".yml": (ros.read, ros.write),
+    ".pgm": (image.read, image.write_pgm),
+    ".png": (image.read, image.write_png),
+    ".map": (movingai.read, movingai.write),
+    ".txt": (text.read, text.write),
+    ".npy": (image.read_npy, image.write_npy),
 }
 
 
@@ -98,10 +89,9 @@ def load_map(
     """
     file = shipped(path, map_file=True) or as_path(path)
     if not file.suffix and not isfile(file):
-        raise BadMap(
-            "map", str(file), f"a map's file ({', '.join(_READ)}), or a shipped scene: {names(SHIPPED_SCENES)}", where=str(file)
-        )
-    kind = checks.choice("suffix", file.suffix.lower(), _READ, error=BadMap, where=str(file))
+        allowed = f"a map's file ({', '.join(_FORMATS)}), or a shipped scene: {names(SHIPPED_SCENES)}"
+        raise BadMap("map", str(file), allowed, where=str(file))
+    kind = checks.choice("suffix", file.suffix.lower(), _FORMATS, error=BadMap, where=str(file))
     checks.instance("limits", limits, Limits)
     if occupied is not None:
         checks.integer("occupied", occupied, low=1, high=100)
@@ -117,7 +107,7 @@ def load_map(
         1.0 if resolution is None else resolution,
         (0.0, 0.0, 0.0) if origin is None else origin,
     )
-    grid = _READ[kind](file, limits) if occupied is None else image.read(file, limits, occupied)
+    grid = _FORMATS[kind][0](file, limits) if occupied is None else image.read(file, limits, occupied)
     if resolution is None and kind in PICTURES:
         rows, cols = grid.shape
         warnings.warn(
@@ -130,13 +120,7 @@ def load_map(
 
 
 def files_of(path: str | PathLike[str]) -> tuple[Path, ...]:
-    """Return the files that `load_map` reads: that of the map and, for a ROS map, that of its picture.
-
-    Raises
-    ------
-    BadMap
-        For a ROS map that does not name a picture.
-    """
+    """Return the files that `load_map` reads: that of the map and, for a ROS map, that of its picture, which it must name."""
     file = shipped(path, map_file=True) or as_path(path)
     return (file, ros.picture(file)) if file.suffix.lower() in (".yaml", ".yml") else (file,)
 
@@ -161,11 +145,11 @@ def save_map(grid: Grid, path: str | PathLike[str]) -> None:
     """
     checks.instance("grid", grid, Grid)
     file = as_path(path)
-    kind = checks.choice("suffix", file.suffix.lower(), _WRITE, error=BadMap, where=str(file))
+    kind = checks.choice("suffix", file.suffix.lower(), _FORMATS, error=BadMap, where=str(file))
     if kind not in (".yaml", ".yml"):
         text.bare(grid, kind)
     try:
-        _WRITE[kind](grid, file)
+        _FORMATS[kind][1](grid, file)
     except (OSError, ValueError) as fault:
         reason = getattr(fault, "strerror", None) or fault
         raise BadMap("file", file.name, f"a file that can be written ({reason})", where=str(file)) from None
