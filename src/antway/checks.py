@@ -36,19 +36,14 @@ def number(
     >>> number("radius", 1, low=0.0, unit="m")
     1.0
     """
-    result = _as_float(value)
+    try:
+        result = float(value) if isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_)) else math.nan
+    except OverflowError:  # an integer that no float can hold
+        result = math.nan
     if not low <= result <= high or (open_low and result == low) or (math.isinf(result) and not infinite):
         allowed = f"a {'' if infinite else 'finite '}number{_range(low, high, open_low)}{f' ({unit})' if unit else ''}"
         raise error(field, value, allowed, where=where)
     return result
-
-
-def _as_float(value: object) -> float:
-    """Return a real number as a float, and NaN for anything else and for what no float can hold."""
-    try:
-        return float(value) if isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_)) else math.nan
-    except OverflowError:
-        return math.nan
 
 
 def fields(record: object, *names: str, **limits: Any) -> None:

@@ -61,8 +61,7 @@ def not_along(trace: Trace) -> NDArray[np.bool_]:
     """Tell for each step whether a holonomic robot does not point where it goes; at rest, or with a footprint, as before."""
     v, heading = trace.velocity[1:], trace.heading
     keeps = (np.hypot(*v.T) <= REST) | (trace.task.robot.footprint is not None)
-    wrong: NDArray[np.bool_] = np.abs(angle(np.where(keeps, heading[:-1], np.arctan2(v[:, 1], v[:, 0])) - heading[1:])) > _NEAR
-    return wrong
+    return np.abs(angle(np.where(keeps, heading[:-1], np.arctan2(v[:, 1], v[:, 0])) - heading[1:])) > _NEAR
 
 
 def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
@@ -105,8 +104,7 @@ def _at_once(v: Floats, target: Floats, growth: float, fall: float) -> Floats:
     v = np.where(through & (math.isinf(fall) | (np.abs(v) < 1e-12)), 0.0, v)
     falls = np.abs(target) < np.abs(v)
     at_once = (v * target >= 0.0) & np.where(falls, math.isinf(fall), math.isinf(growth))
-    result: Floats = np.where(at_once, target, v)
-    return result
+    return np.where(at_once, target, v)
 
 
 def _nearer(v: Floats, target: Floats, growth: float, fall: float, h: Floats) -> Floats:

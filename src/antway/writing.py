@@ -16,13 +16,7 @@ VIEWS = (".html", ".gif", ".mp4", *PICTURES)  # what an episode can be turned in
 
 @contextmanager
 def writing(field: str, path: str | PathLike[str], suffixes: Sequence[str] = ()) -> Iterator[Path]:
-    """Yield `path` as a `Path`, for what writes there.
-
-    Raises
-    ------
-    BadParameter
-        For what is not a path or ends in none of `suffixes`, and if writing fails.
-    """
+    """Yield `path` as a `Path`, for what writes there. Any other object or suffix, and a failure, is a `BadParameter`."""
     if not isinstance(path, (str, PathLike)) or "\0" in str(path):
         raise BadParameter(field, path, "a path")
     target = Path(path)
@@ -37,10 +31,7 @@ def writing(field: str, path: str | PathLike[str], suffixes: Sequence[str] = ())
 def check_target(field: str, path: str | PathLike[str], suffixes: Sequence[str] = ()) -> Path:
     """Return `path` as a `Path`, before the work for it begins: a file with one of `suffixes`, without them a folder.
 
-    Raises
-    ------
-    BadParameter
-        As `writing`, if a file's folder does not exist, and if a folder's place is taken by a file.
+    Errors are those of `writing`, also if a file's folder does not exist, or a folder's place is taken by a file.
     """
     with writing(field, path, suffixes) as target:
         if suffixes:

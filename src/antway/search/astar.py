@@ -14,7 +14,6 @@ from antway.kernels.search.buckets import BLOCKS, CUT, KEYS, LIMIT, Queue
 from antway.kernels.search.lengths import DIAGONAL, STRAIGHT, octile
 from antway.planning import Budget, Clock, Plan, Problem, start_clock
 from antway.search import best_first as heap
-from antway.search.costs import checked_costs
 from antway.search.derived import NEIGHBOURS, kept, lattice, longer, packed
 from antway.search.distance_field import spread_plan
 from antway.search.result import found_shortest, not_found
@@ -34,8 +33,7 @@ def astar(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), costs: 
     """
     clock = start_clock(problem, seed, budget)
     if costs is not None or problem.moves not in NEIGHBOURS:
-        weights = None if costs is None else checked_costs(costs, problem.grid)
-        return heap.plan(problem, clock, heuristic=True, costs=weights)
+        return heap.plan(problem, clock, heuristic=True, costs=costs)
     return searcher(problem.grid, problem.moves, jumping=False).plan(problem, clock)
 
 

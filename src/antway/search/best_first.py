@@ -7,11 +7,12 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.search.best_first import EXHAUSTED, FOUND, RUNNING, Graph, Memory, best_first, gauge, open_cell
 from antway.planning import Clock, Plan, Problem
+from antway.search.costs import checked_costs
 from antway.search.derived import graph
 from antway.search.result import found, not_found
 
@@ -30,13 +31,7 @@ def faces(moves: Moves) -> NDArray[np.float64]:
 
 
 class Search:
-    """A search from `sources` by the kernel `best_first`, in slices between which the clock is read.
-
-    Attributes
-    ----------
-    label : float64[cells]
-        Cost of the best path to each cell so far, in cells.
-    """
+    """A search from `sources` by the kernel `best_first`, in slices; `label`, float64[cells], has the costs in cells so far."""
 
     def __init__(
         self, net: Graph, sources: list[Cell], goal: Cell | None, costs: NDArray[np.float64] | None, faces: NDArray[np.float64]
@@ -71,13 +66,13 @@ class Search:
         return (np.column_stack(np.divmod(np.array(flat[::-1]), self.net.width)) - self.net.margin).astype(np.int32)
 
 
-def plan(problem: Problem, clock: Clock, heuristic: bool, costs: NDArray[np.float64] | None = None) -> Plan:
-    """Solve `problem` by Dijkstra, or by A* with the exact distance on an empty map as the heuristic."""
-    ball = _NO_FACES
+def plan(problem: Problem, clock: Clock, heuristic: bool, costs: ArrayLike | None) -> Plan:
+    """Solve `problem` by Dijkstra, or by A* with the exact distance on an empty map as the heuristic; `costs` are checked."""
+    weights, ball = None if costs is None else checked_costs(costs, problem.grid), _NO_FACES
     if heuristic:
-        cheapest = 1.0 if costs is None else float(costs[~problem.grid.blocked].min())
+        cheapest = 1.0 if weights is None else float(weights[~problem.grid.blocked].min())
         ball = faces(problem.moves) * (cheapest * (1 - 1e-12))  # below rounding, so that it never overestimates
-    search = Search(graph(problem.grid, problem.moves), [problem.start], problem.goal, costs, ball)
+    search = Search(graph(problem.grid, problem.moves), [problem.start], problem.goal, weights, ball)
     code = RUNNING
     while code == RUNNING and not clock.spent():
         code = search.run()

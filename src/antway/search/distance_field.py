@@ -176,8 +176,7 @@ def dijkstra(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), cost
     """
     clock = start_clock(problem, seed, budget)
     if costs is not None or problem.moves not in NEIGHBOURS:
-        weights = None if costs is None else checked_costs(costs, problem.grid)
-        return heap.plan(problem, clock, heuristic=False, costs=weights)
+        return heap.plan(problem, clock, heuristic=False, costs=costs)
     return spread_plan(problem, clock)
 
 

@@ -22,14 +22,7 @@ STEPS = 1 << 14  # expansions between two looks at the clock
 def dstarlite(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
     """Return a shortest path by the first search of D* Lite. For its purpose, repeated searches, see `DStarLite`.
 
-    Parameters
-    ----------
-    problem : Problem
-        With moves of 4 or 8 neighbours.
-    seed : int
-        Without effect.
-    budget : Budget
-        Time and cancellation.
+    Parameters and result are those of `antway.search.jps.jps`.
 
     Raises
     ------

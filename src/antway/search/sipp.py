@@ -36,20 +36,13 @@ class Trajectories(Protocol):
     """
 
     @property
-    def radius(self) -> NDArray[np.float64]:
-        """float64[K], m."""
-
+    def radius(self) -> NDArray[np.float64]: ...  # [K] m
     @property
-    def knot_t(self) -> NDArray[np.float64]:
-        """float64[M], s, strictly increasing within a disc."""
-
+    def knot_t(self) -> NDArray[np.float64]: ...  # [M] s, strictly increasing within a disc
     @property
-    def knot_xy(self) -> NDArray[np.float64]:
-        """float64[M, 2], m."""
-
+    def knot_xy(self) -> NDArray[np.float64]: ...  # [M, 2] m
     @property
-    def first(self) -> NDArray[np.int64]:
-        """int64[K + 1], from 0 to M."""
+    def first(self) -> NDArray[np.int64]: ...  # [K + 1] from 0 to M
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,29 +75,11 @@ class TimedPlan:
 def timed_moves(
     grid: Grid, radius: float, moves: Moves = Moves.THIRTY_TWO, stride: int = 1, first: Cell = (0, 0)
 ) -> NDArray[np.uint32]:
-    """Return which moves a disc can make from each cell; bit k is for `moves.offsets[k]`.
+    """Return which moves a disc of `radius` m can make from each cell, uint32[H, W]: bit k is for `moves.offsets[k]`.
 
-    Parameters
-    ----------
-    grid : Grid
-    radius : float
-        Of the robot in m, >= 0. Touching is legal, contact with blocked cells or the edge of the map is not.
-    moves : Moves
-        FOUR, EIGHT, SIXTEEN or THIRTY_TWO, which do not cut corners.
-    stride : int
-        >= 1; only every stride-th cell of a row and of a column counts, and moves are that much longer.
-    first : (row, col)
-        The first cell that counts, each number below `stride`.
-
-    Returns
-    -------
-    uint32[H, W]
-        0 where the disc cannot stand. With a stride, it has only the cells that count.
-
-    Raises
-    ------
-    BadParameter
-        For other moves, or a radius, a stride or a first cell out of range.
+    Touching is legal, contact with blocked cells or the edge of the map is not. `moves` are FOUR, EIGHT, SIXTEEN or THIRTY_TWO,
+    which do not cut corners. Only every stride-th cell of a row and of a column counts, from the cell `first` on, each of whose
+    numbers is below `stride`; moves are that much longer, and the answer has only these cells.
 
     Examples
     --------
@@ -125,26 +100,11 @@ def timed_moves(
 
 
 def timed_field(mask: NDArray[np.uint32], moves: Moves, goals: ArrayLike, scale: float = 1.0) -> NDArray[np.float64]:
-    """Return the exact distance of every cell to the nearest goal over the legal moves of `mask`.
+    """Return the exact distance of every cell to the nearest goal, float64[H, W]; infinite where none can be reached.
 
-    Parameters
-    ----------
-    mask : uint32[H, W]
-        From `timed_moves` with the same moves, or a window of it.
-    moves : Moves
-    goals : int[G, 2] or (row, col)
-    scale : float
-        Length of a cell's edge in the unit of the result, > 0: the resolution for m, resolution / speed for s.
-
-    Returns
-    -------
-    float64[H, W]
-        Infinite where no goal can be reached.
-
-    Raises
-    ------
-    BadParameter
-        For a mask or goals of wrong type or shape, or goals off the mask.
+    The mask, uint32[H, W], is that of `timed_moves` with the same moves, or a window of it. The goals are cells of the mask,
+    int[G, 2] or (row, col). `scale` > 0 is the length of a cell's edge in the unit of the result: the resolution for m,
+    resolution / speed for s.
 
     Examples
     --------
@@ -353,13 +313,7 @@ def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
 
 
 def checked_trajectories(obstacles: Trajectories) -> records.Trajectories:
-    """Return the motions of K discs as kernels use them.
-
-    Raises
-    ------
-    BadParameter
-        For arrays that do not fit together.
-    """
+    """Return the motions of K discs as kernels use them, if the arrays fit together."""
     if not all(hasattr(obstacles, name) for name in ("radius", "knot_t", "knot_xy", "first")):
         raise BadParameter("obstacles", obstacles, "trajectories such as a Timeline: radius, knot_t, knot_xy, first; or None")
     radius = checks.array("obstacles.radius", obstacles.radius, (None,))

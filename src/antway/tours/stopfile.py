@@ -125,13 +125,7 @@ def _stop(columns: list[str], row: list[str], where: str) -> dict[str, Any]:
 
 
 def save_distances(task: TourTask, path: Path) -> None:
-    """Write a table of the exact distances in m among start, stops and a separate end, with their names.
-
-    Raises
-    ------
-    BadParameter
-        If the file cannot be written.
-    """
+    """Write a table of the exact distances in m among start, stops and a separate end, with their names."""
     free, cells = task.places()
     away = stop_distances(free, cells, task.moves, costs=task.costs)
     names = ["start", *task.names, *["end"] * (len(cells) - 1 - len(task.names))]

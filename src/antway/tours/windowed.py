@@ -49,17 +49,9 @@ class Found:
 class Path:
     """A path from the first stop through all others to the last one, in whole units so that sums are exact.
 
-    Parameters
-    ----------
-    time : float64[n, n]
-        Time of service and travel; infinite if there is no path.
-    opens, closes : float64[n]
-        Earliest and latest start of service; closes may be infinite.
-    quick : bool
-        Whether to leave out the analysis of windows, which only local search can do without.
+    `time`, float64[n, n], is that of service and travel, infinite without a path. Service may start from `opens` to `closes`,
+    float64[n], which may be infinite. If `quick`, the analysis of windows is left out, which only local search can do without.
 
-    Notes
-    -----
     Decimal numbers with at most six places become whole numbers. Others are rounded to 50 bits of the horizon, and windows end
     later by more than what rounding adds: an order that is in time with the given numbers is in time here.
     """
@@ -203,9 +195,13 @@ def search(
     of the ants' beams, 0 for no ants.
     """
     n = len(path.time)
-    start = _by_due_times(path) if initial is None else initial.astype(np.int32)
-    if path.quick and initial is None:
-        start = min(start, _earliest_first(path), key=lambda order: (path.late(order), path.starts(order)[-1]))
+    if initial is not None:
+        start = initial.astype(np.int32)
+    else:  # by the middles of the windows
+        due = 1 + np.argsort((path.opens + path.closes)[1:-1], kind="stable")
+        start = np.concatenate(([0], due, [n - 1])).astype(np.int32)
+        if path.quick:
+            start = min(start, _earliest_first(path), key=lambda order: (path.late(order), path.starts(order)[-1]))
     if not path.feasible or n <= 3:
         late = float(repair(path.finite, path.opens, path.closes, start, 0 if n <= 3 else 20, np.uint64(seed)))
         conflict = () if path.feasible else path.conflict()
@@ -221,12 +217,6 @@ def search(
     colony = colonies.Colony(tau, np.zeros((n, n)), np.zeros((3, n), dtype=np.int32), record)
     scratch = beams.workspace(n, _WIDTH), timed_order(n)
     return _Run(path, clock, options, np.uint64(seed), target, start, initial is not None, colony, *scratch).go(cycles)
-
-
-def _by_due_times(path: Path) -> Order:
-    """Return the order by the middles of the windows."""
-    due = 1 + np.argsort((path.opens + path.closes)[1:-1], kind="stable")
-    return np.concatenate(([0], due, [len(path.time) - 1])).astype(np.int32)
 
 
 def _earliest_first(path: Path) -> Order:

@@ -16,6 +16,7 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rng import GAMMA, mix, stream
 from antway.kernels.colony.pheromone import ADAPTIVE, PRINTED, Numbers, best_deposits, persistence
 
+Floats = NDArray[np.float64]
 FLOOR = 1e-30  # least weight of a legal move, as a share of the largest weight of its cell; only illegal moves have weight 0
 NEAR = 1e-3  # cells; smaller distances to the target count as this, so that an ant beside the target steps onto it
 LOW, HIGH = 1e-150, 1e150  # limits of pheromone for rules without limits, so that it never becomes 0 or infinite
@@ -28,7 +29,7 @@ class GridGraph(NamedTuple):
 
     legal: NDArray[np.uint32]  # [N] bit k is set if move k from the cell is legal
     offsets: NDArray[np.int64]  # [8] flat step of each move; 0 for moves that there are not
-    lengths: NDArray[np.float64]  # [8] length of each move, cells
+    lengths: Floats  # [8] length of each move, cells
     start: int  # flat cell
     goal: int  # flat cell
 
@@ -38,14 +39,14 @@ class Paths(NamedTuple):
 
     moves: NDArray[np.uint8]  # [A, L] moves of each path, from its start
     depth: NDArray[np.int32]  # [A] number of moves, -1 for an ant that died
-    length: NDArray[np.float64]  # [A] L_k in cells, infinite for an ant that died
+    length: Floats  # [A] L_k in cells, infinite for an ant that died
 
 
 class Pheromone(NamedTuple):
     """The pheromone on a grid."""
 
-    tau: NDArray[np.float64]  # [N, 8] pheromone on each move out of each cell
-    eta: NDArray[np.float64]  # [N, 8] heuristic of each move to the power beta, 0 where it is not legal
+    tau: Floats  # [N, 8] pheromone on each move out of each cell
+    eta: Floats  # [N, 8] heuristic of each move to the power beta, 0 where it is not legal
     tau_0: float  # initial pheromone
     tau_min: float  # lower limit for legal moves
     tau_max: float  # upper limit
@@ -54,21 +55,21 @@ class Pheromone(NamedTuple):
 @kernel
 def visibility(
     graph: GridGraph,
-    distance: NDArray[np.float64],
+    distance: Floats,
     reachable: NDArray[np.bool_],
     beta: float,
     detour: bool,
-    from_cell: int,
+    first: int,
     end: int,
-    eta: NDArray[np.float64],
+    eta: Floats,
 ) -> None:
     """Write eta^beta of each legal move i -> j between cells of `reachable` to float64[N, 8], up to a factor for each cell i.
 
-    Rows `from_cell` to `end` of `eta` are written; they must be 0 before.
+    Rows `first` to `end` of `eta` are written; they must be 0 before.
     eta = 1 / distance[j]; with `detour`, eta = exp(-(length of the move + distance[j] - distance[i])), with lengths in cells.
     """
     far = np.empty(8)
-    for i in range(from_cell, end):
+    for i in range(first, end):
         if not reachable[i] or graph.legal[i] == 0:
             continue
         best = math.inf
@@ -82,7 +83,7 @@ def visibility(
 
 
 @kernel
-def weigh(tau: NDArray[np.float64], eta: NDArray[np.float64], alpha: float, weights: NDArray[np.float32]) -> None:
+def weigh(tau: Floats, eta: Floats, alpha: float, weights: NDArray[np.float32]) -> None:
     """Write the numerator of Eq. (1), tau^alpha eta^beta, to float32[N, 8], divided by the largest one of the cell."""
     row = np.empty(8)
     for cell in range(tau.shape[0]):
@@ -228,7 +229,7 @@ def walk(
 
 
 @kernel
-def measure(moves: NDArray[np.uint8], depth: NDArray[np.int32], length: NDArray[np.float64]) -> None:
+def measure(moves: NDArray[np.uint8], depth: NDArray[np.int32], length: Floats) -> None:
     """Write L_k in cells to float64[A]; infinite for an ant that died. Moves 4 to 7 are diagonal."""
     for ant in range(depth.size):
         diagonal = 0
@@ -293,9 +294,7 @@ def update(
 
 
 @kernel
-def evaporate(
-    tau: NDArray[np.float64], eta: NDArray[np.float64], persistence_rule: NDArray[np.float64], t: int, excess: float
-) -> None:
+def evaporate(tau: Floats, eta: Floats, persistence_rule: Floats, t: int, excess: float) -> None:
     """Let pheromone on legal moves (`eta` > 0) evaporate: tau becomes rho tau, rho by `persistence` for `t` and `excess`."""
     by_edge = persistence_rule[0] == ADAPTIVE or persistence_rule[0] == PRINTED
     rho, least = 1.0, math.inf
@@ -313,7 +312,7 @@ def evaporate(
 
 
 @kernel
-def deposit(graph: GridGraph, tau: NDArray[np.float64], path: NDArray[np.uint8], depth: int, amount: float) -> None:
+def deposit(graph: GridGraph, tau: Floats, path: NDArray[np.uint8], depth: int, amount: float) -> None:
     """Add `amount` to the pheromone on each of the first `depth` moves of a path."""
     cell = graph.start
     for i in range(depth):
@@ -322,7 +321,7 @@ def deposit(graph: GridGraph, tau: NDArray[np.float64], path: NDArray[np.uint8],
 
 
 @kernel
-def entropy(tau: NDArray[np.float64]) -> float:
+def entropy(tau: Floats) -> float:
     """Return the entropy of the pheromone over all moves, nats: the log of their number at first, small when converged."""
     flat = tau.reshape(tau.size)
     top = flat.max()
@@ -338,7 +337,7 @@ def entropy(tau: NDArray[np.float64]) -> float:
 
 
 @kernel
-def costs_to_go(graph: GridGraph, cost: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
+def costs_to_go(graph: GridGraph, cost: Floats, turn: float) -> Floats:
     """Return the least cost from each cell to the goal for each first move, float64[N, 8]; infinite if there is no path.
 
     A move costs its length times the mean of `cost`, float64[N] > 0, at its ends, plus `turn` >= 0 if the previous move was a
@@ -371,7 +370,7 @@ def costs_to_go(graph: GridGraph, cost: NDArray[np.float64], turn: float) -> NDA
 
 
 @kernel
-def weights_by_cost(value: NDArray[np.float64], beta: float) -> NDArray[np.float32]:
+def weights_by_cost(value: Floats, beta: float) -> NDArray[np.float32]:
     """Return the weights exp(-beta * excess cost of the move), float32[N, 8], from the result `value` of `costs_to_go`."""
     weights = np.zeros(value.shape, np.float32)
     for i in range(value.shape[0]):
@@ -383,13 +382,7 @@ def weights_by_cost(value: NDArray[np.float64], beta: float) -> NDArray[np.float
 
 
 @kernel
-def score(
-    graph: GridGraph,
-    moves: NDArray[np.uint8],
-    depth: NDArray[np.int32],
-    clearance: NDArray[np.float64],
-    danger: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def score(graph: GridGraph, moves: NDArray[np.uint8], depth: NDArray[np.int32], clearance: Floats, danger: Floats) -> Floats:
     """Return float64[A, 4]: length, turns, -(least clearance on the path), and integral of the danger along the path.
 
     `clearance` and `danger` are float64[N]. The integral uses the mean of both ends of a move, as `costs_to_go` does. Lengths

@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from antway.kernels.base.heap import pop_item, put_item
 from antway.kernels.base.jit import bare_kernel, kernel
 
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
 RUNNING, FOUND, EXHAUSTED = 0, 1, 2
 
 
@@ -21,8 +24,8 @@ class Graph(NamedTuple):
     """The flat map with a margin: cell (r, c) has index (r + margin) * width + c + margin."""
 
     legal: NDArray[np.uint32]  # [cells] set of legal moves of each cell, bit k for move k
-    offsets: NDArray[np.int64]  # [moves] flat step of each move
-    lengths: NDArray[np.float64]  # [moves] length of each move, cells
+    offsets: Ints  # [moves] flat step of each move
+    lengths: Floats  # [moves] length of each move, cells
     width: int  # cells in a row
     margin: int  # cells
 
@@ -39,22 +42,16 @@ class Graph(NamedTuple):
 class Memory(NamedTuple):
     """A search between two calls."""
 
-    label: NDArray[np.float64]  # [cells] cost of the best path to each cell so far, infinite if there is none
-    key: NDArray[np.float64]  # [cells] label + heuristic
+    label: Floats  # [cells] cost of the best path to each cell so far, infinite if there is none
+    key: Floats  # [cells] label + heuristic
     arrived: NDArray[np.int8]  # [cells] last move of that path, -1 at a source
     heap: NDArray[np.int32]  # [cells] the open cells
     place: NDArray[np.int32]  # [cells] position of each cell in the heap, or -1
-    state: NDArray[np.int64]  # [2] size of the heap, cells expanded
+    state: Ints  # [2] size of the heap, cells expanded
 
 
 @kernel
-def legal_moves(
-    free: NDArray[np.uint8],
-    offsets: NDArray[np.int64],
-    touched: NDArray[np.int64],
-    first: NDArray[np.int64],
-    need: NDArray[np.int64],
-) -> NDArray[np.uint32]:
+def legal_moves(free: NDArray[np.uint8], offsets: Ints, touched: Ints, first: Ints, need: Ints) -> NDArray[np.uint32]:
     """Return the legal moves of each cell, bit k for move k: its target and `need[k]` of the touched cells must be free.
 
     The cells that move k touches are `touched[first[k]:first[k + 1]]`, as flat offsets from its start.
@@ -75,7 +72,7 @@ def legal_moves(
 
 
 @bare_kernel
-def gauge(row: int, col: int, goal_row: int, goal_col: int, faces: NDArray[np.float64]) -> float:
+def gauge(row: int, col: int, goal_row: int, goal_col: int, faces: Floats) -> float:
     """Return the length of a shortest path on an empty map: the norm whose unit ball is the polygon of the moves.
 
     With the larger side a and the smaller side b of the bounding box it is the maximum of p a + q b over the faces (p, q) of
@@ -98,9 +95,7 @@ def open_cell(cell: int, g: float, h: float, came_by: int, memory: Memory, size:
 
 
 @bare_kernel
-def best_first(
-    net: Graph, cost: NDArray[np.float64], goal: int, within: float, faces: NDArray[np.float64], memory: Memory, steps: int
-) -> int:
+def best_first(net: Graph, cost: Floats, goal: int, within: float, faces: Floats, memory: Memory, steps: int) -> int:
     """Expand up to `steps` cells; return RUNNING, FOUND (`goal` was taken off the heap) or EXHAUSTED.
 
     A move costs its length times the mean of `cost` at both ends, float64[cells], or float64[0] for 1 everywhere. The search

@@ -190,10 +190,7 @@ def _reachable(curve: Curve, limits: RobotLimits, i: int) -> float:
 def drive_along(curve: Curve, limits: RobotLimits, first: int, last: int, old: Curve) -> tuple[int, int, int]:
     """Recompute speeds and costs after the steps `first` to `last` have changed; save the previous ones in `old`.
 
-    Returns
-    -------
-    low, start, end : int
-        `high` has changed from low to last, `square` and `cost` from start to end.
+    Returns (low, start, end): `high` has changed from low to last, `square` and `cost` from start to end.
     """
     m, tightest = len(curve.xy), math.inf
     if limits.turning_radius > 0.0:
@@ -234,14 +231,9 @@ def _copy_samples(source: Curve, target: Curve, first: int, last: int) -> None:
 
 @kernel
 def improve(curve: Curve, old: Curve, s: Surroundings, limits: RobotLimits, trials: int, state: NDArray[np.uint64]) -> float:
-    """Move control points at random, `trials` times each, and keep moves that lower the cost; return the cost in s.
+    """Move control points of `curve` at random, `trials` times each, and keep moves that lower its cost; return the cost in s.
 
-    Parameters
-    ----------
-    curve, old : Curve
-        The path, whose control points are given and changed; scratch of the same shape.
-    state : uint64[1]
-        Of the random generator.
+    `old` is scratch of the same shape, `state`, uint64[1], that of the random generator.
     """
     n, m = len(curve.points), len(curve.xy)
     sample(curve, s, 0, n)
@@ -266,12 +258,9 @@ def improve(curve: Curve, old: Curve, s: Surroundings, limits: RobotLimits, tria
 def _try_move(
     curve: Curve, old: Curve, s: Surroundings, limits: RobotLimits, i: int, width: int, dx: float, dy: float
 ) -> float:
-    """Move control point i by (dx, dy) m and its neighbours by less, and undo that if it does not lower the cost.
+    """Move control point i by (dx, dy) m and its neighbours by less; return by how much that changes the cost, s.
 
-    Returns
-    -------
-    float
-        Change of the cost in s; 0 if the move was undone.
+    If it does not lower the cost, it is undone, and 0 is returned.
     """
     n, m = len(curve.points), len(curve.xy)
     k = (m - 1) // (n + 1)
