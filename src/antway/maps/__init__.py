@@ -8,6 +8,7 @@ from dataclasses import replace
 from os import PathLike
 from os.path import isfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -95,18 +96,14 @@ def load_map(
     checks.instance("limits", limits, Limits)
     if occupied is not None:
         checks.integer("occupied", occupied, low=1, high=100)
+    given: dict[str, Any] = {name: one for name, one in (("resolution", resolution), ("origin", origin)) if one is not None}
     if kind in (".yaml", ".yml"):
-        for name, value in (("resolution", resolution), ("origin", origin)):
-            if value is not None:
-                raise BadParameter(name, value, "left out for a ROS map, which holds its own")
+        for name, value in given.items():
+            raise BadParameter(name, value, "left out for a ROS map, which holds its own")
         return ros.read(file, limits, 100 if occupied is None else occupied)
     if occupied is not None and kind not in PICTURES:
         raise BadParameter("occupied", occupied, f"left out: {kind} has no shades")
-    place = Grid(
-        np.zeros((1, 1), dtype=np.bool_),
-        1.0 if resolution is None else resolution,
-        (0.0, 0.0, 0.0) if origin is None else origin,
-    )
+    place = Grid(np.zeros((1, 1), dtype=np.bool_), **given)
     grid = _FORMATS[kind][0](file, limits) if occupied is None else image.read(file, limits, occupied)
     if resolution is None and kind in PICTURES:
         rows, cols = grid.shape
