@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
-from antway.errors import BadParameter, CellBlocked, OutOfBounds
+from antway.errors import BadParameter
 from antway.grid import Grid, Moves
 from antway.kernels.search.astar import FULL, NO_SPACE, solve_all
-from antway.planning import Problem
+from antway.planning import Problem, free_cell
 from antway.search.astar import MOST_CELLS, Searcher, searcher
 from antway.search.derived import NEIGHBOURS, longer
 from antway.search.distance_field import dijkstra
@@ -136,12 +136,7 @@ def _free_cells(name: str, value: ArrayLike, grid: Grid) -> NDArray[np.int64]:
     if cells.ndim != 2 or cells.shape[1] != 2 or not np.issubdtype(cells.dtype, np.integer):
         raise BadParameter(name, f"{cells.dtype} array of shape {cells.shape}", "integers of shape (queries, 2)")
     outside = ((cells < 0) | (cells >= grid.shape)).any(axis=1)
-    if outside.any():
-        i = int(np.argmax(outside))
-        allowed = f"on the map of {grid.shape[0]} rows and {grid.shape[1]} columns"
-        raise OutOfBounds(f"{name}[{i}]", tuple(cells[i].tolist()), allowed)
-    blocked = grid.blocked[cells[:, 0], cells[:, 1]]
-    if blocked.any():
-        i = int(np.argmax(blocked))
-        raise CellBlocked(f"{name}[{i}]", tuple(cells[i].tolist()), "a free cell; this one is blocked")
+    wrong = outside if outside.any() else grid.blocked[cells[:, 0], cells[:, 1]]
+    for i in np.flatnonzero(wrong)[:1].tolist():
+        free_cell(f"{name}[{i}]", tuple(cells[i].tolist()), grid)  # says what is wrong
     return cells.astype(np.int64)
