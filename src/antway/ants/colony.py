@@ -89,22 +89,14 @@ class Colony:
         gap = np.where(gap > 0.0, gap, (0.1 * least or least) if math.isfinite(least) else 1.0)
         eta = (gap[:, :1] / gap) ** self.numbers.beta
         tau = np.ones((n, k))
-        orders = np.tile(np.arange(n, dtype=np.uint32), (m, 1))
+        weight, row_sum = np.ones((n, k), dtype=np.float32), np.ones(n)
+        orders, bests = np.tile(np.arange(n, dtype=np.uint32), (m, 1)), np.zeros((2, n), dtype=np.uint32)
         record = np.array([math.inf, 0, 0, 0, math.inf, 1.0, 0, 0])
-        self.state = kernel.Colony(
-            tau,
-            eta,
-            np.ones((n, k), dtype=np.float32),
-            np.ones(n),
-            orders,
-            np.zeros(m),
-            np.zeros((2, n), dtype=np.uint32),
-            record,
-        )
-        kernel.combine(tau, eta, 1.0, self.state.weight, self.state.row_sum)
+        self.state = kernel.Colony(tau, eta, weight, row_sum, orders, np.zeros(m), bests, record)
+        kernel.combine(tau, eta, 1.0, weight, row_sum)
         greedy = kernel.walk_once(self.cities, self.state, self.numbers._replace(q0=1.0, xi=0.0), self._seed)
         greedy = max(greedy, 1e-300)  # all cities may be in one place
-        self.state.bests[:] = orders[0]
+        bests[:] = orders[0]
         first = self.rule.initial(m, n, greedy)
         if self.numbers.p_best > 0.0:  # rules with limits begin with tau_max, for which only the length matters
             rho = persistence_of(self.numbers.persistence_rule, 1.0, 0.0, 0, 0.0)

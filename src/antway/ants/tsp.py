@@ -178,18 +178,9 @@ def solve_tsp(
     colony = Colony(instance, chosen, seed=seed, candidates=candidates, pheromone=pheromone, options=options, immune=immune)
     limits = [count for count in (cycles, None if tours is None else -(-tours // colony.tours)) if count is not None]
     limit = min(limits, default=1000 if seconds is None else 2**62)
-    history = _run(colony, clock, limit, instance.optimum or 0.0, threads, progress)
-    order = colony.best
-    return Tour(
-        order,
-        instance.length(order),
-        np.array(history, dtype=np.float64).reshape(-1, 3),
-        colony.pheromone,
-        colony.candidates,
-        colony.cycle * colony.tours,
-        clock.elapsed(),
-        instance.optimum,
-    )
+    history = np.array(_run(colony, clock, limit, instance.optimum or 0.0, threads, progress), dtype=np.float64).reshape(-1, 3)
+    order, learned, made = colony.best, (colony.pheromone, colony.candidates), colony.cycle * colony.tours
+    return Tour(order, instance.length(order), history, *learned, made, clock.elapsed(), instance.optimum)
 
 
 def _run(

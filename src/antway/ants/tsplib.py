@@ -39,14 +39,8 @@ OPTIMA = {
     "fnl4461": 182566, "rl5915": 565530, "rl5934": 556045, "pla7397": 23260728, "rl11849": 923288, "usa13509": 19982859,
     "brd14051": 469385, "d15112": 1573084, "d18512": 645238, "pla33810": 66048945, "pla85900": 142382641,
 }  # fmt: skip
-_KINDS = {
-    "MATRIX": kernel.MATRIX,
-    "EUC_2D": kernel.EUC_2D,
-    "CEIL_2D": kernel.CEIL_2D,
-    "ATT": kernel.ATT,
-    "EUCLID": kernel.EUCLID,
-    "GEO": kernel.MATRIX,
-}
+_KINDS: dict[str, int] = {name: getattr(kernel, name) for name in ("MATRIX", "EUC_2D", "CEIL_2D", "ATT", "EUCLID")}
+_KINDS["GEO"] = kernel.MATRIX
 _BLOCK = 8192  # number of cities whose neighbours are computed at once
 _MATRIX_UP_TO = 1_000  # number of cities up to which a table of distances is faster than computing them
 

@@ -51,13 +51,9 @@ def _graph(grid: Grid, moves: Moves) -> Graph:
     width = free.shape[1]
     touched = [[r * width + c for r, c in cells] for cells in moves.touched]
     offsets = (moves.offsets[:, 0].astype(np.int64) * width + moves.offsets[:, 1]).astype(np.int64)
-    legal = legal_moves(
-        free.ravel(),
-        offsets,
-        np.array([t for cells in touched for t in cells], dtype=np.int64),
-        np.cumsum([0, *(len(cells) for cells in touched)], dtype=np.int64),
-        np.array([min(len(cells), NEED.get(moves.value, len(cells))) for cells in touched], dtype=np.int64),
-    )
+    first = np.cumsum([0, *map(len, touched)], dtype=np.int64)
+    need = np.array([min(len(cells), NEED.get(moves.value, len(cells))) for cells in touched], dtype=np.int64)
+    legal = legal_moves(free.ravel(), offsets, np.array([t for cells in touched for t in cells], dtype=np.int64), first, need)
     return Graph(legal, offsets, moves.lengths, width, margin)
 
 

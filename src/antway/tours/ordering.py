@@ -200,15 +200,5 @@ def finished(stops: Stops, orders: list[Order], bound: float, pheromone: Floats 
     visited = np.unique(np.concatenate(orders))
     collected = 0.0 if stops.priorities is None else float(stops.priorities[visited].sum())
     whole = stops.priorities is not None or len(visited) == len(stops.matrix)
-    return Ordering(
-        tuple(orders),
-        arrival,
-        waiting,
-        cost,
-        late,
-        late == 0.0 and math.isfinite(cost) and whole,
-        collected,
-        bound,
-        _gap(stops, cost, collected, bound),
-        pheromone,
-    )
+    feasible, gap = late == 0.0 and math.isfinite(cost) and whole, _gap(stops, cost, collected, bound)
+    return Ordering(tuple(orders), arrival, waiting, cost, late, feasible, collected, bound, gap, pheromone)

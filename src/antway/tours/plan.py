@@ -254,21 +254,10 @@ def _finished(task: TourTask, free: Grid, cells: list[Cell], ordering: Ordering,
         for order, arrival, waiting in zip(ordering.orders, ordering.arrival, ordering.waiting)
     )
     visited = {int(stop) for route in routes for stop in route.order}
-    return TourPlan(
-        task,
-        routes,
-        tuple(i for i in range(len(task.stops)) if i not in visited),
-        math.fsum(route.length for route in routes),
-        max(route.duration for route in routes),
-        ordering.cost,
-        ordering.lateness,
-        ordering.feasible,
-        ordering.collected,
-        ordering.bound,
-        ordering.gap,
-        time.perf_counter() - began,
-        ordering,
-    )
+    skipped = tuple(i for i in range(len(task.stops)) if i not in visited)
+    length, duration = math.fsum(route.length for route in routes), max(route.duration for route in routes)
+    found = ordering.cost, ordering.lateness, ordering.feasible, ordering.collected, ordering.bound, ordering.gap
+    return TourPlan(task, routes, skipped, length, duration, *found, time.perf_counter() - began, ordering)
 
 
 def _route(task: TourTask, free: Grid, cells: list[Cell], order: NDArray[np.int32], arrival: Floats, waiting: Floats) -> Route:
@@ -279,14 +268,8 @@ def _route(task: TourTask, free: Grid, cells: list[Cell], order: NDArray[np.int3
     inner = np.array([k for k, row in enumerate(rows) if 0 < row <= len(task.stops)], dtype=np.int64)
     last = int(rows[-1])
     stays = float(task.service[last - 1]) if 0 < last <= len(task.stops) else 0.0
-    return Route(
-        (order[inner] - 1).astype(np.int32),
-        arrival[inner],
-        waiting[inner],
-        legs,
-        math.fsum(one.length for one in legs),
-        float(arrival[-1] + waiting[-1]) + stays,
-    )
+    length, duration = math.fsum(one.length for one in legs), float(arrival[-1] + waiting[-1]) + stays
+    return Route((order[inner] - 1).astype(np.int32), arrival[inner], waiting[inner], legs, length, duration)
 
 
 def tour_record(tour: TourPlan) -> dict[str, Any]:

@@ -180,18 +180,9 @@ def solve_tsptw(
     bound = path.bound(makespan)
     if feasible:
         bound = cost if proven else min(bound, cost)
-    return TsptwResult(
-        order.copy(),
-        cost,
-        feasible,
-        late,
-        tuple(sorted({node % n for node in found.conflict})),
-        proven,
-        bound,
-        found.cycles,
-        np.array(found.history, dtype=np.float64).reshape(-1, 3),
-        clock.elapsed(),
-    )
+    conflict = tuple(sorted({node % n for node in found.conflict}))
+    history = np.array(found.history, dtype=np.float64).reshape(-1, 3)
+    return TsptwResult(order.copy(), cost, feasible, late, conflict, proven, bound, found.cycles, history, clock.elapsed())
 
 
 def evaluate(instance: Tsptw, order: NDArray[np.int32], makespan: bool) -> tuple[float, float]:

@@ -85,9 +85,7 @@ def closed_matrix(stops: Stops, away: Floats) -> tuple[Floats, float, int]:
 
 
 def held_karp_bound(closed: Floats, extra: float, end: int, seconds: float = math.inf) -> float:
-    """Return a lower bound of tours over `closed_matrix`, minus `extra`, weaker if it would take more `seconds`."""
-    if len(closed) < 3:
-        return 0.0
+    """Return a lower bound of tours over `closed_matrix` of 3 nodes or more, minus `extra`, weaker if `seconds` are few."""
     rounds = max(ROUNDS[0], min(ROUNDS[1], WORK // len(closed) ** 2))
     rounds = int(max(HASTY, min(rounds, PACE * seconds / len(closed) ** 2)))
     # Distances have rounding errors, which must not lift the bound above a tour.

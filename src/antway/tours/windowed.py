@@ -144,36 +144,23 @@ def _record(
     padded = np.zeros((n, words * 64), dtype=np.uint8)
     padded[:, :n] = first.T
     before = np.packbits(padded, axis=1, bitorder="little").view("<u8").astype(np.uint64)
-    return kernel.Windows(
-        np.ascontiguousarray(steps),
-        np.ascontiguousarray(far),
-        opens,
-        closes,
-        np.argsort(reduced[:, : n * first.any()], axis=1, kind="stable").astype(np.int32),
-        np.isfinite(reduced).sum(axis=1).astype(np.int32),
-        np.ascontiguousarray(before),
-        np.argsort(closes, kind="stable").astype(np.int32),
-        np.where(np.isfinite(far), far, 0.0).max(axis=1),
-        leave,
-        enter,
-        np.array([mix(np.uint64(i + 1)) for i in range(n)], dtype=np.uint64),
-        float(leave.sum() + enter.sum()),
-    )
+    after = np.argsort(reduced[:, : n * first.any()], axis=1, kind="stable").astype(np.int32)
+    afters = np.isfinite(reduced).sum(axis=1).astype(np.int32)
+    by_closing = np.argsort(closes, kind="stable").astype(np.int32)
+    farthest = np.where(np.isfinite(far), far, 0.0).max(axis=1)
+    mark = np.array([mix(np.uint64(i + 1)) for i in range(n)], dtype=np.uint64)
+    steps, far, before = np.ascontiguousarray(steps), np.ascontiguousarray(far), np.ascontiguousarray(before)
+    bound = float(leave.sum() + enter.sum())
+    return kernel.Windows(steps, far, opens, closes, after, afters, before, by_closing, farthest, leave, enter, mark, bound)
 
 
 def _mirror(windows: kernel.Windows) -> kernel.Windows:
     """Return the same task backwards in time."""
     n, horizon = len(windows.opens), windows.closes[-1]
     before = np.unpackbits(windows.before.astype("<u8").view(np.uint8), axis=1, bitorder="little")[:, :n].astype(np.bool_)
-    return _record(
-        windows.time[::-1, ::-1].T,
-        windows.far[::-1, ::-1].T,
-        (horizon - windows.closes)[::-1].copy(),
-        (horizon - windows.opens)[::-1].copy(),
-        np.ascontiguousarray(before[::-1, ::-1]),
-        windows.enter[::-1].copy(),
-        windows.leave[::-1].copy(),
-    )
+    opens, closes = (horizon - windows.closes)[::-1].copy(), (horizon - windows.opens)[::-1].copy()
+    first, leave, enter = np.ascontiguousarray(before[::-1, ::-1]), windows.enter[::-1].copy(), windows.leave[::-1].copy()
+    return _record(windows.time[::-1, ::-1].T, windows.far[::-1, ::-1].T, opens, closes, first, leave, enter)
 
 
 def search(

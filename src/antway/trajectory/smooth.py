@@ -149,15 +149,11 @@ def smooth(
         best, reason = _fastest(motions, flat, robot)
         if best is not None:
             break
-    return Smoothed(
-        Status.NO_PATH if best is None else Status.FOUND,
-        None if best is None else _on_map(best, grid),
-        best is not None and best is not stops,
-        math.inf if stops is None else stops.time,
-        path.length / robot.v_max,
-        time.perf_counter() - started,
-        reason,
-    )
+    stop_time, bound = math.inf if stops is None else stops.time, path.length / robot.v_max
+    if best is None:
+        return Smoothed(Status.NO_PATH, None, False, stop_time, bound, time.perf_counter() - started, reason)
+    motion = _on_map(best, grid)
+    return Smoothed(Status.FOUND, motion, best is not stops, stop_time, bound, time.perf_counter() - started, reason)
 
 
 def _fastest(motions: list[Motion], grid: Grid, robot: RobotSpec) -> tuple[Motion | None, str]:

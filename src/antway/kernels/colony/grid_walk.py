@@ -54,22 +54,15 @@ class Pheromone(NamedTuple):
 
 @kernel
 def visibility(
-    graph: GridGraph,
-    distance: Floats,
-    reachable: NDArray[np.bool_],
-    beta: float,
-    detour: bool,
-    first: int,
-    end: int,
-    eta: Floats,
+    graph: GridGraph, distance: Floats, reachable: NDArray[np.bool_], beta: float, detour: bool, low: int, end: int, eta: Floats
 ) -> None:
     """Write eta^beta of each legal move i -> j between cells of `reachable` to float64[N, 8], up to a factor for each cell i.
 
-    Rows `first` to `end` of `eta` are written; they must be 0 before.
+    Rows `low` to `end` of `eta` are written; they must be 0 before.
     eta = 1 / distance[j]; with `detour`, eta = exp(-(length of the move + distance[j] - distance[i])), with lengths in cells.
     """
     far = np.empty(8)
-    for i in range(first, end):
+    for i in range(low, end):
         if not reachable[i] or graph.legal[i] == 0:
             continue
         best = math.inf

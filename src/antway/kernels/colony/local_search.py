@@ -40,14 +40,9 @@ class Search(NamedTuple):
 @kernel
 def workspace(n: int, log: int) -> Search:
     """Return scratch for tours of n cities that can undo `log` reversals."""
-    return Search(
-        np.empty(n, dtype=np.uint32),
-        np.empty(n, dtype=np.uint32),
-        np.empty(n, dtype=np.uint32),
-        np.zeros(n, dtype=np.bool_),
-        np.empty((log, 2), dtype=np.int64),
-        np.zeros(3, dtype=np.int64),
-    )
+    order, place, queue = np.empty(n, dtype=np.uint32), np.empty(n, dtype=np.uint32), np.empty(n, dtype=np.uint32)
+    reversals, counts = np.empty((log, 2), dtype=np.int64), np.zeros(3, dtype=np.int64)
+    return Search(order, place, queue, np.zeros(n, dtype=np.bool_), reversals, counts)
 
 
 @bare_kernel

@@ -61,26 +61,15 @@ def workspace(n: int, width: int) -> Beam:
     size = 1
     while size < 2 * c:
         size *= 2
-    return Beam(
-        np.zeros((2, width, words), dtype=np.uint64),
-        np.zeros((2, width), dtype=np.int32),
-        np.zeros((2, width)),
-        np.zeros((2, width)),
-        np.zeros((2, width)),
-        np.zeros((2, width)),
-        np.zeros((2, width), dtype=np.uint64),
-        np.zeros((2, width), dtype=np.int32),
-        np.zeros((n, width), dtype=np.int32),
-        np.zeros((n, width), dtype=np.int32),
-        np.zeros(c, dtype=np.int32),
-        np.zeros(c, dtype=np.int32),
-        np.zeros(c),
-        np.zeros(c),
-        np.zeros(c),
-        np.zeros(c, dtype=np.uint64),
-        np.zeros(c, dtype=np.int32),
-        np.full(size, -1, dtype=np.int32),
-    )
+    visited, mark = np.zeros((2, width, words), dtype=np.uint64), np.zeros((2, width), dtype=np.uint64)
+    last, first = np.zeros((2, width), dtype=np.int32), np.zeros((2, width), dtype=np.int32)
+    ready, cost, rest, penalty = np.zeros((2, width)), np.zeros((2, width)), np.zeros((2, width)), np.zeros((2, width))
+    parent, stop = np.zeros((n, width), dtype=np.int32), np.zeros((n, width), dtype=np.int32)
+    c_parent, c_stop, c_next = np.zeros(c, dtype=np.int32), np.zeros(c, dtype=np.int32), np.zeros(c, dtype=np.int32)
+    c_ready, c_cost, c_key, c_mark = np.zeros(c), np.zeros(c), np.zeros(c), np.zeros(c, dtype=np.uint64)
+    table = np.full(size, -1, dtype=np.int32)
+    orders = visited, last, ready, cost, rest, penalty, mark, first, parent, stop
+    return Beam(*orders, c_parent, c_stop, c_ready, c_cost, c_key, c_mark, c_next, table)
 
 
 @inner_kernel
