@@ -105,20 +105,13 @@ class _Graph:
         if rows * cols * max(self.periods, 1) > MAX_STATES:
             raise TooLarge("horizon", horizon, f"at most {MAX_STATES} cells times periods of {self.period:g} s")
         net = graph(grid, moves)
-        legal = net.inner(net.legal).ravel()
-        free = np.flatnonzero(~grid.blocked.ravel())
-        offsets = np.vstack((moves.offsets.astype(np.int64), [[0, 0]]))
-        lengths = np.append(moves.lengths, 0.0) * size
+        legal = net.inner(net.legal).reshape(-1, 1) >> np.arange(len(moves.offsets)) & 1
+        cell, move = np.nonzero(np.column_stack((legal, ~grid.blocked.ravel())))  # the last move of a cell is to stand there
+        ends = np.column_stack((cell, cell + np.append(moves.offsets.astype(np.int64) @ (cols, 1), 0)[move]))
+        lengths = (np.append(moves.lengths, 0.0) * size)[move].tolist()
         self.moves: dict[int, list[tuple[int, int, float]]] = {}  # for each cell: (index of the move, target cell, length)
-        steps: list[tuple[int, int]] = []
-        for cell in free.tolist():
-            out = []
-            for k in range(len(offsets)):
-                if k == len(moves.offsets) or legal[cell] >> k & 1:
-                    out.append((len(steps), cell + int(offsets[k, 0]) * cols + int(offsets[k, 1]), float(lengths[k])))
-                    steps.append((cell, out[-1][1]))
-            self.moves[cell] = out
-        ends = np.array(steps, np.int64).reshape(-1, 2)
+        for i, (source, target) in enumerate(ends.tolist()):
+            self.moves.setdefault(source, []).append((i, target, lengths[i]))
         self.centres = centres = grid.to_xy(np.column_stack(np.divmod(np.arange(rows * cols), cols)))
         self.radius = radius
         self.discs: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []  # knot_t, knot_xy, radius
@@ -328,11 +321,11 @@ def timed_front(
             if number not in untried:
                 untried[number] = list(net.extended(label, number))
                 extended += 1
-            number = _walk(net, known, tau, untried[number], label, weight, beta, rng)
+            number = _walk(known, tau, untried[number], label, weight, beta, rng)
             if number >= 0:
                 waiting.append(number)
                 if known.labels[number].cell == net.goal:
-                    _deposit(net, known, tau, number)
+                    _deposit(known, tau, number)
         waiting = [i for i in waiting if untried.get(i) != []] if ant % 64 == 0 or len(waiting) < 8 else waiting
         if at < len(waiting) and untried.get(waiting[at]) == []:
             waiting.pop(at)
@@ -341,7 +334,6 @@ def timed_front(
 
 
 def _walk(
-    net: _Graph,
     known: _Known,
     tau: list[dict[int, float]],
     choices: list[tuple[int, Label]],
@@ -352,7 +344,7 @@ def _walk(
 ) -> int:
     """Draw moves by Eq. (1) until one leads to a label that is kept; return its number, or -1 if none does."""
     while choices:
-        lost = [1.0 + net.least[there.cell] - net.least[label.cell] for _, there in choices]
+        lost = [1.0 + known.net.least[there.cell] - known.net.least[label.cell] for _, there in choices]
         odds = np.array(
             [
                 sum(w * trail.get(move, 1.0) for w, trail in zip(weight.tolist(), tau)) * math.exp(-beta * max(more, 0.0))
@@ -367,7 +359,7 @@ def _walk(
     return -1
 
 
-def _deposit(net: _Graph, known: _Known, tau: list[dict[int, float]], number: int) -> None:
+def _deposit(known: _Known, tau: list[dict[int, float]], number: int) -> None:
     """Evaporate by Eq. (2), and deposit on a path to the goal for each objective by the rank of the path in it."""
     path = known.chain(number)
     costs = np.array([(one.period, one.distance, -one.clearance) for one in (known.labels[i] for i in known.front)])
@@ -376,5 +368,5 @@ def _deposit(net: _Graph, known: _Known, tau: list[dict[int, float]], number: in
         for move in trail:
             trail[move] = 1.0 + _PERSISTENCE * (trail[move] - 1.0)
         for one, other in pairwise(path):
-            move = next(k for k, there, _ in net.moves[one.cell] if there == other.cell)
+            move = next(k for k, there, _ in known.net.moves[one.cell] if there == other.cell)
             trail[move] = trail.get(move, 1.0) + 1.0 - rank
