@@ -209,3 +209,18 @@ def test_none_of_it_is_not_no_limit() -> None:
     assert sipp(grid, **ends, max_expanded=None).status is Status.FOUND
     assert np.isfinite(distance_field(grid, (0, 0), within=0.0)).sum() <= 9 < np.isfinite(distance_field(grid, (0, 0))).sum()
     assert solve_tsp(SOUND["instance"], tours=0).tours == 0 < solve_tsp(SOUND["instance"], tours=20).tours
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.int8])
+@pytest.mark.filterwarnings("error")
+def test_small_integers_of_numpy_count_as_what_they_are(kind: type) -> None:
+    """Products of the numbers of ants and cycles, and sums with a limit of steps, used to overflow."""
+    problem = Problem(Grid(np.zeros((12, 12), bool)), (0, 0), (11, 11))
+    cities = Tsp(np.random.default_rng(0).random((40, 2)))
+
+    def answers(kind: type) -> list[Any]:
+        found = explore(problem, ants=kind(100), cycles=kind(20), step_limit=kind(20), threads=kind(2), seed=kind(120))
+        tour = solve_tsp(cities, tours=kind(120), ants=kind(7), candidates=kind(10))
+        return [found.plan.length, found.history.tolist(), tour.length, tour.tours]
+
+    np.testing.assert_equal(answers(kind), answers(int))

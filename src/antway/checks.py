@@ -52,6 +52,15 @@ def fields(record: object, *names: str, **limits: Any) -> None:
         object.__setattr__(record, name, number(name, getattr(record, name), **limits))
 
 
+def counts(record: object, *names: str, **limits: Any) -> None:
+    """Check these fields of a record, which may be frozen, as `integer` does within `limits`; store them as ints.
+
+    Small integers of NumPy would overflow in what is computed of them.
+    """
+    for name in names:
+        object.__setattr__(record, name, integer(name, getattr(record, name), **limits))
+
+
 def integer(
     field: str,
     value: object,

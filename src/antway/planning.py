@@ -74,7 +74,7 @@ def standing_cell(name: str, xy: Iterable[float], grid: Grid, inflated: Grid, ra
     except OutOfBounds as error:
         raise error.at("", name) from None
     if inflated.blocked[cell]:
-        near = f" with a radius of {radius:g} m; a wall or the map's edge is nearer"
+        near = f" with a radius of {radius:g} m; a wall or the map's edge is nearer to the centre of its cell"
         raise CellBlocked(name, point, f"where the robot can stand{'; this cell is blocked' if grid.blocked[cell] else near}")
     return cell
 
@@ -116,7 +116,7 @@ class Budget:
         if self.seconds is not None:
             checks.fields(self, "seconds", low=0.0, infinite=True, unit="s")
         if self.cycles is not None:
-            checks.integer("cycles", self.cycles, low=0)
+            checks.counts(self, "cycles", low=0)
         if self.cancel is not None:
             checks.instance("cancel", self.cancel, threading.Event)
 

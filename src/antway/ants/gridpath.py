@@ -175,9 +175,9 @@ def explore(
     colony = make_rule(MMAS_ON_GRIDS if rule == "mmas" else rule, persistence=persistence, ants=ants, alpha=alpha, beta=beta)
     number = colony.ants or 50
     checks.integer("ants * cycles", number * cycles, high=2**31 - 2)
-    checks.integer("threads", threads, low=1, high=256)
+    threads = checks.integer("threads", threads, low=1, high=256)
     if step_limit is not None:
-        checks.integer("step_limit", step_limit, low=0, high=2**24)
+        step_limit = checks.integer("step_limit", step_limit, low=0, high=2**24)
     immunity = None if immune is None else Immunity(checks.instance("immune", immune, Immune), False, seed)
     local, window = _local(problem, window, forbidden)
 

@@ -53,8 +53,8 @@ class Immune:
     suppression: float = 0.5
 
     def __post_init__(self) -> None:
-        checks.integer("archive", self.archive, low=2, high=1000)
-        checks.integer("stagnation", self.stagnation, low=0)
+        checks.counts(self, "archive", low=2, high=1000)
+        checks.counts(self, "stagnation", low=0)
         checks.fields(self, "share", "suppression", low=0.0, high=1.0, open_low=True)
         checks.fields(self, "vaccinated", "cooling", "overlap", low=0.0, high=1.0)
         checks.fields(self, "temperature", low=0.0)

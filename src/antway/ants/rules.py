@@ -47,7 +47,7 @@ class _Colony:
     def __post_init__(self) -> None:
         rule: Any = self
         if rule.ants is not None:
-            checks.integer("ants", rule.ants, low=1, high=1_000_000)
+            checks.counts(rule, "ants", low=1, high=1_000_000)
         checks.fields(rule, "alpha", "beta", low=0.0, high=100.0)
         checks.fields(rule, "q", low=1e-100, high=1e100)
         if not hasattr(rule.persistence, "numbers"):
@@ -98,7 +98,7 @@ class RankBasedAntSystem(_Colony):
 
     def __post_init__(self) -> None:
         _Colony.__post_init__(self)
-        checks.integer("ranks", self.ranks, low=1)
+        checks.counts(self, "ranks", low=1)
 
     def numbers(self, ants: int) -> Numbers:
         return _numbers(self, deposit_weight=np.maximum(self.ranks - 1.0 - np.arange(ants), 0.0), elite=float(self.ranks))
@@ -138,7 +138,7 @@ class MaxMinAntSystem(_Colony):
         checks.fields(self, "p_best", low=1e-300, high=1.0 - 1e-9)
         if self.choices is not None:
             checks.fields(self, "choices", low=1.0, open_low=True)
-        checks.integer("restart", self.restart, low=0)
+        checks.counts(self, "restart", low=0)
         allowed = "(cycle, every) pairs of rising cycles from 0"
         pairs = [checks.sequence("schedule", pair, allowed) for pair in checks.sequence("schedule", self.schedule, allowed)]
         cycles = [checks.integer("schedule", pair[0], low=0) for pair in pairs if len(pair) == 2]

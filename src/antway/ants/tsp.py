@@ -149,12 +149,11 @@ def solve_tsp(
     """
     checks.instance("instance", instance, Tsp)
     n = instance.size
-    checks.integer("threads", threads, low=1, high=256)
+    threads = checks.integer("threads", threads, low=1, high=256)
     if local_search is not None:
         checks.choice("local_search", local_search, _SEARCHES)
-    for name, value in (("tours", tours), ("cycles", cycles)):
-        if value is not None:
-            checks.integer(name, value, low=0)
+    tours = None if tours is None else checks.integer("tours", tours, low=0)
+    cycles = None if cycles is None else checks.integer("cycles", cycles, low=0)
     if progress is not None and not callable(progress):
         raise BadParameter("progress", progress, "a function of tours made, best length and seconds, or None")
     if focused is not None:

@@ -261,9 +261,9 @@ def parse(data: bytes, where: str = "") -> Tsp:
     known = name.removesuffix(".tsp")
     optimum = OPTIMA.get(known) if known.lstrip(string.ascii_letters) == str(n) else None  # names end with the number of cities
     if kind == "EXPLICIT":
-        weights = _numbers("EDGE_WEIGHT_SECTION", sections, where)
+        weights = _numbers("EDGE_WEIGHT_SECTION", sections, n * n, where)
         return Tsp(matrix=_matrix(weights, n, header.get("EDGE_WEIGHT_FORMAT", ""), where), name=name, optimum=optimum)
-    rows = _numbers("NODE_COORD_SECTION", sections, where)
+    rows = _numbers("NODE_COORD_SECTION", sections, 3 * n, where)
     if len(rows) != 3 * n:
         raise BadMap("NODE_COORD_SECTION", len(rows), f"{3 * n} numbers: a number and two coordinates per city", where=where)
     rows = rows.reshape(n, 3)
@@ -304,10 +304,11 @@ def _split(lines: list[str], where: str) -> tuple[dict[str, str], dict[str, list
     return header, sections
 
 
-def _numbers(section: str, sections: dict[str, list[str]], where: str) -> NDArray[np.float64]:
+def _numbers(section: str, sections: dict[str, list[str]], most: int, where: str) -> NDArray[np.float64]:
+    """Return the numbers of a section; as soon as there are more than `most` it is refused."""
     if section not in sections:
         raise BadMap(section, None, "in the file", where=where)
-    result = numbers_in("\n".join(sections[section]).encode(), MAX_MATRIX**2, where, field=section)
+    result = numbers_in("\n".join(sections[section]).encode(), most, where, field=section)
     if not (np.abs(result) <= 1e9).all():
         raise BadMap(section, float(result[~(np.abs(result) <= 1e9)][0]), "numbers in [-1e9, 1e9]", where=where)
     return result
