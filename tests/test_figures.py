@@ -63,8 +63,6 @@ def every_figure() -> dict[str, Figure]:
         "strip": figures.strip_figure(TRACE, [10, 50, 80, 120], path=PATH),
         "convergence": figures.convergence_figure({"constant": HISTORY, "adaptive": HISTORY - 3}, optimum=27.0),
         "tour": figures.tour_figure(square, solve_tsp(square, cycles=20)),
-        "space and time": charts.space_time_figure(TRACE, path=PATH),
-        "pheromone": charts.pheromone_figure(square_room, explore(Problem(square_room, (0, 0), (18, 18)), cycles=3, ants=9)),
         "pheromone over time": colonies.pheromone_over_time_figure(
             square_room, {t: explore(Problem(square_room, (0, 0), (18, 18)), cycles=t, ants=9) for t in (1, 3)}
         ),
@@ -101,7 +99,7 @@ def test_no_text_lies_over_another_or_off_the_page(name: str, monkeypatch: pytes
         assert across <= 1 or along <= 1, f"{a!r} lies over {b!r}"
 
 
-TITLED = ["plan", "meet", "avoid", "final", "strip", "convergence", "space and time", "pheromone", "success", "time-ratio"]
+TITLED = ["plan", "meet", "avoid", "final", "strip", "convergence", "pheromone over time", "success", "time-ratio"]
 
 
 @pytest.mark.parametrize("name", TITLED)

@@ -25,7 +25,7 @@ from antway.arena.store import Row
 from antway.arena.summary import summarise
 from antway.errors import BadParameter
 from antway.planning import Plan, Status
-from antway.view import charts, diagrams, figures
+from antway.view import charts, colonies, diagrams, figures
 from antway.view.animation import write_animation
 from sample import sample_trace
 
@@ -74,8 +74,7 @@ def pictures() -> dict[str, Figure]:
         "convergence": figures.convergence_figure({"constant": history, "adaptive": history - 3}, optimum=27.0),
         "tour": figures.tour_figure(ring, solve_tsp(ring, local_search="2opt", cycles=3)),
         "chart": diagrams.avoidance_chart(),
-        "space-time": charts.space_time_figure(trace, path=path),
-        "pheromone": charts.pheromone_figure(grid, colony(grid)),
+        "pheromone": colonies.pheromone_over_time_figure(grid, {1: colony(grid)}),
         "success": charts.success_figure(summarise(episodes())),
         "time-ratio": charts.time_ratio_figure(episodes()),
     }
@@ -107,7 +106,7 @@ def drawn() -> dict[str, Figure]:
     return pictures()
 
 
-NAMES = ("plan", "no-path", "meet", "avoid", "final", "strip", "convergence", "tour", "chart", "space-time", "pheromone")
+NAMES = ("plan", "no-path", "meet", "avoid", "final", "strip", "convergence", "tour", "chart", "pheromone")
 NAMES += ("success", "time-ratio")
 
 
@@ -158,25 +157,11 @@ def frame(folder: Path) -> Path:
 
 
 def test_charts_refuse_what_they_cannot_draw() -> None:
-    """No path, no rows, no bound and a span outside the episode are named."""
-    trace = sample_trace(30, 1)
-    with pytest.raises(BadParameter, match="path"):
-        charts.space_time_figure(trace, path=Plan(Status.NO_PATH))
-    with pytest.raises(BadParameter, match="end"):
-        charts.space_time_figure(trace, start=2.0, end=1.0)
+    """No rows and no bound are named."""
     with pytest.raises(BadParameter, match="table"):
         charts.success_figure([])
     with pytest.raises(BadParameter, match="rows"):
         charts.time_ratio_figure([Row("s", "e", "p", 0, "1", "g", "reached", "")])
-
-
-def test_space_and_time_show_what_is_taken() -> None:
-    """An obstacle that stands on the path takes it all the time, one that never comes near takes nothing."""
-    figure = charts.space_time_figure(sample_trace(150, 0))
-    assert not figure.axes[0].images
-    figure = charts.space_time_figure(sample_trace(150, 2))
-    taken = np.asarray(figure.axes[0].images[0].get_array())
-    assert 0.0 < taken.mean() < 0.2 and taken.shape[1] == 151
 
 
 if __name__ == "__main__":

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
 from antway.ants.gridpath import Exploration
 from antway.errors import BadParameter
-from antway.grid import Grid
+from antway.grid import Grid, Moves
 from antway.view import style
-from antway.view.charts import draw_pheromone
 
 
 @style.styled
@@ -40,7 +41,7 @@ def pheromone_over_time_figure(grid: Grid, found: Mapping[int, Exploration]) -> 
     fig = style.figure(width * len(found), height)
     row = fig.subplots(1, len(found), squeeze=False)[0]
     for axes, (cycles, exploration) in zip(row, found.items()):
-        draw_pheromone(axes, grid, exploration, "best path")
+        _draw_pheromone(axes, grid, exploration)
         best = f": {exploration.plan.length:.2f} m" if len(exploration.plan.cells) else ""
         axes.set_title(f"{cycles} cycle" + "s" * (cycles != 1) + best)
         if axes is not row[0]:
@@ -48,6 +49,26 @@ def pheromone_over_time_figure(grid: Grid, found: Mapping[int, Exploration]) -> 
     style.legend_below(row[-1])
     fig.suptitle("Pheromone over time")
     return fig
+
+
+def _draw_pheromone(axes: Axes, grid: Grid, found: Exploration) -> None:
+    """Draw the map, the pheromone relative to the strongest, and the best path."""
+    style.draw_map(axes, grid)
+    tau, (row0, col0, _, _) = found.pheromone, found.window
+    low, high = (float(tau[tau > 0.0].min()), float(tau.max())) if (tau > 0.0).any() else (0.0, 1.0)
+    row, col, move = np.nonzero(tau > low + 0.02 * (high - low))
+    here = np.column_stack((row + row0, col + col0))
+    there = here + Moves.EIGHT.offsets[move]
+    share = np.sqrt((tau[row, col, move] - low) / max(high - low, 1e-300))
+    order = np.argsort(share, kind="stable")
+    colours = style.PHEROMONE(0.25 + 0.75 * share[order])
+    ends = np.stack((grid.to_xy(here), grid.to_xy(there)), axis=1)[order]
+    widths = 0.6 + 3.4 * share[order]
+    axes.add_collection(LineCollection(list(ends), colors=colours, linewidths=widths, capstyle="round", zorder=2))
+    axes.plot([], [], color=style.PHEROMONE(1.0), linewidth=4.0, label="most pheromone")
+    axes.plot([], [], color=style.PHEROMONE(0.45), linewidth=1.4, label="little")
+    if len(found.plan.cells):
+        style.draw_path(axes, found.plan.xy(grid), style.TEAL, 1.5, label="best path")
 
 
 @style.styled
@@ -69,8 +90,7 @@ def seeds_figure(histories: Mapping[str, Sequence[NDArray[np.float64]]], *, opti
     last = max(run[-1, 0] for group in runs.values() for run in group)
     first = max(run[0, 0] for group in runs.values() for run in group)
     made = np.geomspace(first, max(last, 2 * first), 200)
-    fig = style.figure(6.4, 4.4)
-    axes = fig.subplots()
+    axes = style.figure(6.4, 4.4).subplots()
     for (name, group), colour, dash in zip(runs.items(), style.COLOURS, style.DASHES):
         best = np.array([run[np.searchsorted(run[:, 0], made * (1 + 1e-12), side="right") - 1, 1] for run in group])
         low, middle, high = np.quantile(best if optimum is None else 100 * (best / optimum - 1), (0.1, 0.5, 0.9), axis=0)
@@ -80,8 +100,7 @@ def seeds_figure(histories: Mapping[str, Sequence[NDArray[np.float64]]], *, opti
     axes.set(xscale="log", xlabel="tours made", title="Convergence over seeds")
     axes.set_ylabel("best length" if optimum is None else "over the optimum (%)")
     style.graph(axes)
-    style.legend_below(axes, columns=2)
-    return fig
+    return style.legend_below(axes, columns=2)
 
 
 @style.styled
@@ -101,12 +120,10 @@ def sensitivity_figure(parameter: str, values: Sequence[float], lengths: ArrayLi
     at = checks.array("values", values, (None,))
     table = checks.array("lengths", lengths, (len(at), None))
     shown = table if optimum is None else 100 * (table / optimum - 1)
-    fig = style.figure(5.6, 4.0)
-    axes = fig.subplots()
+    axes = style.figure(5.6, 4.0).subplots()
     axes.plot(np.repeat(at, table.shape[1]), shown.ravel(), "o", color=style.CYAN, markersize=4, alpha=0.6, label="one seed")
     axes.plot(at, shown.mean(axis=1), color=style.BLUE, linewidth=1.8, marker="D", markersize=5, label="mean")
     axes.set(xlabel=parameter, ylabel="best length" if optimum is None else "over the optimum (%)")
     axes.set_title(f"Sensitivity to {parameter}")
     style.graph(axes)
-    style.legend_below(axes)
-    return fig
+    return style.legend_below(axes)

@@ -22,19 +22,7 @@ _SLOW_TO_FAST = "viridis"
 
 @style.styled
 def motion_figure(grid: Grid, path: Plan, smoothed: Smoothed, robot: RobotSpec) -> Figure:
-    """Draw the motion of a smoothed plan.
-
-    Parameters
-    ----------
-    grid : Grid
-        The map, not inflated.
-    path : Plan
-        Drawn dashed.
-    smoothed : Smoothed
-        With a motion.
-    robot : RobotSpec
-        Its outline is drawn along the motion at equal time steps.
-    """
+    """Draw the motion of a smoothed plan on its map, which is not inflated, with outlines of the robot at equal time steps."""
     motion = smoothed.motion
     if motion is None:
         raise BadParameter("smoothed", smoothed.status.value, "an answer with a motion")
@@ -68,5 +56,4 @@ def motion_figure(grid: Grid, path: Plan, smoothed: Smoothed, robot: RobotSpec) 
     below.set_xlabel("time (s)")
     style.graph(below)
     below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
-    style.legend_below(axes, columns=2)
-    return fig
+    return style.legend_below(axes, columns=2)

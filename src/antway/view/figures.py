@@ -51,8 +51,7 @@ def plan_figure(
     ends : ((x, y), (x, y)) or None
         Start and goal in m; None: those of the path.
     """
-    fig = style.figure(*style.map_size(grid))
-    axes = fig.subplots()
+    axes = style.figure(*style.map_size(grid)).subplots()
     style.draw_map(axes, grid)
     xy = path.xy(grid) if len(path.cells) else np.empty((0, 2))
     if len(xy):
@@ -62,8 +61,7 @@ def plan_figure(
     if ends is not None:
         draw_ends(axes, *ends)
     axes.set_title(title)
-    style.legend_below(axes)
-    return fig
+    return style.legend_below(axes)
 
 
 @style.styled
@@ -88,8 +86,7 @@ def moment_figure(
         Draw the ants' pheromone and the path that was chosen, if the decision of that step has them.
     """
     step = checks.integer("step", step, low=0, high=len(trace))
-    fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
-    axes = fig.subplots()
+    axes = style.figure(*style.map_size(trace.task.grid, extra=1.6)).subplots()
     _draw_moment(axes, trace, step, path, pheromone)
     decision = trace.decision_at(step)
     axes.set_title(f"{title}  (t = {trace.t[step]:.1f} s)")
@@ -97,15 +94,13 @@ def moment_figure(
         caption = f"{decision.action.replace('-', ' ')}: {in_words(decision.reason)}"
     if caption is not None:
         axes.set_xlabel(f"x (m)\n{_wrapped(caption)}")
-    style.legend_below(axes, columns=3)
-    return fig
+    return style.legend_below(axes, columns=3)
 
 
 @style.styled
 def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final path of the robot") -> Figure:
     """Draw the path that a robot drove, the global path, and the tracks of the obstacles in red (Fig. 7 of the paper)."""
-    fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
-    axes = fig.subplots()
+    axes = style.figure(*style.map_size(trace.task.grid, extra=1.6)).subplots()
     style.draw_map(axes, trace.task.grid)
     if path is not None:
         _draw_global(axes, trace.task.grid, path)
@@ -122,8 +117,7 @@ def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final 
     _draw_stops(axes, trace)
     draw_ends(axes, trace.task.start, trace.task.goal)
     axes.set_title(f"{title}: {trace.outcome.value.replace('-', ' ')}")
-    style.legend_below(axes, columns=3)
-    return fig
+    return style.legend_below(axes, columns=3)
 
 
 @style.styled
@@ -133,15 +127,13 @@ def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | None = None
     if not steps:
         raise BadParameter("steps", steps, "at least one step")
     width, height = style.map_size(trace.task.grid, width=2.7, extra=0.75)
-    fig = style.figure(width * len(steps), height + 0.3)
-    row = fig.subplots(1, len(steps), squeeze=False)[0]
+    row = style.figure(width * len(steps), height + 0.3).subplots(1, len(steps), squeeze=False)[0]
     for axes, step in zip(row, steps):
         _draw_moment(axes, trace, step, path, pheromone=True, labelled=False)
         axes.set_title(f"t = {trace.t[step]:.1f} s")
         if axes is not row[0]:
             axes.set_ylabel("")
-    style.legend_below(row[-1], columns=4 if len(steps) > 2 else 2)
-    return fig
+    return style.legend_below(row[-1], columns=4 if len(steps) > 2 else 2)
 
 
 @style.styled
@@ -155,8 +147,7 @@ def convergence_figure(histories: Mapping[str, NDArray[np.float64]], *, optimum:
     optimum : float or None
         The shortest length, m, drawn as a line.
     """
-    fig = style.figure(6.4, 5.2)
-    lengths, arrived = fig.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
+    lengths, arrived = style.figure(6.4, 5.2).subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
     looks = ((style.BLUE, "-"), (style.ORANGE, "--"), (style.RED, ":"), (style.TEAL, "-."))
     for (name, history), (colour, dash) in zip(histories.items(), looks):
         table = checks.array(f"history of {name}", history, (None, 4), finite=False)
@@ -172,8 +163,7 @@ def convergence_figure(histories: Mapping[str, NDArray[np.float64]], *, optimum:
     for axes in (lengths, arrived):
         style.graph(axes)
         axes.margins(x=0.01)
-    style.legend_below(lengths, columns=2)
-    return fig
+    return style.legend_below(lengths, columns=2)
 
 
 @style.styled

@@ -41,8 +41,7 @@ def front_figure(grid: Grid, front: TimedFront, obstacles: Timeline | None = Non
     if not len(front.paths):
         raise BadParameter("front", front.status.value, "a front with a path")
     width, height = style.map_size(grid, width=5.2)
-    fig = style.figure(2 * width, height)
-    left, right = fig.subplots(1, 2)
+    left, right = style.figure(2 * width, height).subplots(1, 2)
     style.draw_map(left, grid)
     last = float(front.values[-1, 0])
     for k in range(0 if obstacles is None else len(obstacles)):
@@ -73,5 +72,4 @@ def front_figure(grid: Grid, front: TimedFront, obstacles: Timeline | None = Non
     right.set(title=f"The front: {count}, with clearances from moving obstacles in m", xlabel="time (s)", ylabel="distance (m)")
     style.graph(right)
     right.margins(0.12)
-    style.legend_below(left, columns=3, more=list(zip(*right.get_legend_handles_labels())))
-    return fig
+    return style.legend_below(left, columns=3, more=list(zip(*right.get_legend_handles_labels())))

@@ -28,8 +28,6 @@ from antway.view import figures, style, tours
 from antway.world.episode import EpisodeResult
 from antway.world.trace import Trace
 
-_KINDS = "a Grid, Plan, TourPlan, EpisodeResult or Trace"
-
 
 class Page:
     """HTML that a notebook shows.
@@ -122,7 +120,7 @@ def show(record: object, *, height: int = 720, browser: bool = True) -> Page:
 
     height = checks.integer("height", height, low=100, high=10_000)
     if not isinstance(record, Grid | Plan | TourPlan | EpisodeResult | Trace):
-        raise BadParameter("record", record, _KINDS)
+        raise BadParameter("record", record, "a Grid, Plan, TourPlan, EpisodeResult or Trace")
     trace = record.trace if isinstance(record, EpisodeResult) else record
     page = replay_page(trace) if isinstance(trace, Trace) else html(record)
     if "ipykernel" in sys.modules:

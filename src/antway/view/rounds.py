@@ -13,15 +13,9 @@ from antway.world.trace import Trace
 
 @style.styled
 def rounds_figure(trace: Trace) -> Figure:
-    """Draw an episode's rounds: a map with stops numbered by visit, and below the times of arrival, waiting and service.
-
-    Parameters
-    ----------
-    trace : Trace
-        Of a scenario with stops.
-    """
+    """Draw the rounds of an episode with stops: a map with the stops numbered by visit, and the times at each below it."""
     rounds = trace.rounds if trace.rounds is not None else Rounds(())
-    fig, axes, times, points_per_metre = stops.map_and_schedule(trace.task.grid, max(1, len(rounds.stops)), width=7.6)
+    axes, times, points_per_metre = stops.map_and_schedule(trace.task.grid, max(1, len(rounds.stops)), width=7.6)
     assert times is not None
     for k in range(len(trace.obstacle_id)):
         label = "tracks of what moves" if k == 0 else None
@@ -34,8 +28,7 @@ def rounds_figure(trace: Trace) -> Figure:
     _draw_times(times, trace, rounds)
     shown = ["window", "waits", "service"] + ["new order"] * any(turn.t > 0 for turn in rounds.turns)
     legend = stops.schedule_legend()
-    style.legend_below(axes, more=[(legend[name], name) for name in shown])
-    return fig
+    return style.legend_below(axes, more=[(legend[name], name) for name in shown])
 
 
 def _draw_stops(axes: Axes, trace: Trace, rounds: Rounds, points_per_metre: float) -> None:

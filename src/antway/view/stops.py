@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
@@ -22,23 +21,21 @@ _WAITING = (0, (1.2, 1.2))  # points; dots of the line of a robot that waits
 _MOVED = 1.5  # points; a line joins a number that was moved farther to its stop
 
 
-def map_and_schedule(grid: Grid, rows: int | None, *, width: float) -> tuple[Figure, Axes, Axes | None, float]:
-    """Return a figure, its map of `grid`, its schedule of `rows` rows (None: no schedule), and the map's points per metre.
+def map_and_schedule(grid: Grid, rows: int | None, *, width: float) -> tuple[Axes, Axes | None, float]:
+    """Return the map of `grid` and the schedule of `rows` rows (None: none) in a new figure, and the map's points per metre.
 
     The figure is about `width` inches wide.
     """
     low, high = (corner.tolist() for corner in shown_part(grid))
     width, height = style.box_size(low, high, width=width, extra=1.5)
     if rows is None:
-        fig = style.figure(width, height)
-        axes, times = fig.subplots(), None
+        axes, times = style.figure(width, height).subplots(), None
     else:
         below = 0.75 + 0.19 * rows
-        fig = style.figure(max(width, 6.4), height + below)
-        axes, times = fig.subplots(2, 1, height_ratios=(height - 1.0, below))
+        axes, times = style.figure(max(width, 6.4), height + below).subplots(2, 1, height_ratios=(height - 1.0, below))
     style.draw_map(axes, grid)
     style.show_box(axes, grid, low, high)
-    return fig, axes, times, 72 * (width - 0.8) / (high[0] - low[0])
+    return axes, times, 72 * (width - 0.8) / (high[0] - low[0])
 
 
 def shown_part(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.legend import Legend
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.transforms import Affine2D
 from numpy.typing import ArrayLike
@@ -72,7 +71,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     return inside
 
 
-def figure(width: float = 6.4, height: float = 4.8) -> Figure:
+def figure(width: float, height: float) -> Figure:
     """Return an empty figure of `width` x `height` inches with its own Agg canvas."""
     result = Figure(figsize=(width, height), dpi=160, layout="constrained")
     result.get_layout_engine().set(w_pad=0.08, h_pad=0.08)  # type: ignore[call-arg, union-attr]
@@ -186,10 +185,11 @@ def graph(axes: Axes, *, below: bool = False) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def legend_below(axes: Axes, columns: int = 4, more: Sequence[tuple[Artist, str]] = ()) -> Legend:
-    """Put the legend under the axes, where it covers nothing, with entries `more` at its end."""
+def legend_below(axes: Axes, columns: int = 4, more: Sequence[tuple[Artist, str]] = ()) -> Figure:
+    """Put the legend under the axes, where it covers nothing, with entries `more` at its end; return the figure."""
     fig = axes.get_figure(root=True)
     assert fig is not None
     handles, labels = axes.get_legend_handles_labels()
     handles, labels = [*handles, *(handle for handle, _ in more)], [*labels, *(label for _, label in more)]
-    return fig.legend(handles, labels, loc="outside lower center", ncols=min(columns, max(1, len(labels))))
+    fig.legend(handles, labels, loc="outside lower center", ncols=min(columns, max(1, len(labels))))
+    return fig

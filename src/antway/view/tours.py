@@ -32,7 +32,7 @@ def plan_tour_figure(tour: TourPlan) -> Figure:
     timed = bool((task.windows[:, 0] > 0).any() or np.isfinite(task.windows[:, 1]).any())
     scheduled = (timed or task.priorities is not None or math.isfinite(task.deadline)) and visits <= MOST_LISTED
     rows = visits + len(tour.routes) * (len(tour.routes) > 1)
-    fig, axes, times, points_per_metre = stops.map_and_schedule(task.grid, rows if scheduled else None, width=7.2)
+    axes, times, points_per_metre = stops.map_and_schedule(task.grid, rows if scheduled else None, width=7.2)
     for k, route in enumerate(tour.routes):
         _draw_route(axes, tour, route, k)
     _draw_stops(axes, tour, visits, points_per_metre)
@@ -43,8 +43,7 @@ def plan_tour_figure(tour: TourPlan) -> Figure:
         waits = any((route.waiting > 0).any() for route in tour.routes)
         shown = {"window": timed, "waits": waits, "service": True, "late": tour.lateness > 0}
         more = [(artist, name) for name, artist in stops.schedule_legend().items() if shown.get(name)]
-    style.legend_below(axes, more=more)
-    return fig
+    return style.legend_below(axes, more=more)
 
 
 def _title(tour: TourPlan) -> str:
