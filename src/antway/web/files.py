@@ -175,9 +175,22 @@ def _zipped(scenario: Scenario) -> bytes:
     return buffer.getvalue()
 
 
-def scenario_file(scenario: Scenario) -> dict[str, Any]:
-    """Return the scenario as a .zip file, which `read_upload` reads back."""
-    return as_file(f"{stem(scenario.name)}.zip", "application/zip", _zipped(scenario))
+def exported_scenario(what: str, scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
+    """Return the message with a scenario as a .zip file, which `read_upload` reads back.
+
+    `what` is "scenario" for a file to save, "keep" for one that the page keeps in the browser, or "link" for the part after the
+    # of an address that opens the scenario; that contains the file and is sent to no server. If it is too long for browsers,
+    it is `TooLarge`.
+    """
+    packed = _zipped(scenario)
+    if what == "scenario":
+        return as_file(f"{stem(scenario.name)}.zip", "application/zip", packed)
+    if what == "keep":
+        return {"kind": "kept", "name": scenario.name, "policies": policies, "data": base64.b64encode(packed).decode()}
+    data = base64.urlsafe_b64encode(packed).decode().rstrip("=")
+    if len(data) > MAX_LINK:
+        raise TooLarge("link", f"{len(data)} characters", f"at most {MAX_LINK}; save the scenario as a file instead")
+    return {"kind": "link", "hash": f"policies={','.join(policies)}&open={data}"}
 
 
 def exported(what: str, trace: Trace) -> dict[str, Any]:
@@ -195,22 +208,6 @@ def exported(what: str, trace: Trace) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="antway-") as folder:
         data = write_animation(trace, Path(folder) / "run.gif", shortest=path).read_bytes()
     return as_file(f"{name}.gif", "image/gif", data)
-
-
-def kept(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
-    """Return the scenario's file, which the page keeps in the browser."""
-    return {"kind": "kept", "name": scenario.name, "policies": policies, "data": base64.b64encode(_zipped(scenario)).decode()}
-
-
-def link(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
-    """Return the part after the # of an address that opens this scenario; it contains the file and is sent to no server.
-
-    A scenario that is too long for browsers is `TooLarge`.
-    """
-    data = base64.urlsafe_b64encode(_zipped(scenario)).decode().rstrip("=")
-    if len(data) > MAX_LINK:
-        raise TooLarge("link", f"{len(data)} characters", f"at most {MAX_LINK}; save the scenario as a file instead")
-    return {"kind": "link", "hash": f"policies={','.join(policies)}&open={data}"}
 
 
 def stem(name: str) -> str:

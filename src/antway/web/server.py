@@ -146,17 +146,10 @@ def _with_headers(send: Send) -> Send:
 
 
 def make_app(names: frozenset[str], token: str, *, workers: Workers | None = None) -> ASGIApp:
-    """Return the server as an ASGI application.
+    """Return the server as an ASGI application, whose allowed Host headers are `names`, as of `names_of`.
 
-    Parameters
-    ----------
-    names : frozenset of str
-        The allowed Host headers (`names_of`).
-    token : str
-        The token that a websocket needs as its second subprotocol, and a request for a page as ?token=... or, later, in a
-        cookie. Even on this machine there may be other users.
-    workers : Workers or None
-        Processes that read files and make exports for the tabs; None: the server does it.
+    A websocket needs the token as its second subprotocol, and a request for a page as ?token=... or, later, in a cookie: even
+    on this machine there may be other users. `workers` read files and make exports for the tabs; without them the server does.
     """
     cookie = f"antway-{zlib.crc32(token.encode()):08x}"  # a different name for each server, because cookies ignore ports
     crossings = {

@@ -22,7 +22,7 @@ from antway.scenes import SCENES, scene
 from antway.tables import NEED_PYRVO
 from antway.view.pages import bits_to_base64
 from antway.view.replay import map_record
-from antway.web.files import EXPORTS, MAX_OBSTACLES, kept, link, scenario_file
+from antway.web.files import EXPORTS, MAX_OBSTACLES, exported_scenario
 from antway.web.tab import Tab
 from antway.web.view import Message, View, shades, short, short_rows
 from antway.web.workers import EXPORT_SECONDS
@@ -195,15 +195,14 @@ class Session(Tab):
         self.position = position
         return [self.describe()]
 
-    def do_at(self, message: Message) -> list[Message]:
+    def do_at(self, message: Message) -> None:
         """Show an earlier moment of the run, or the latest."""
         step = checks.integer("step", message.get("step"), low=0, high=self.steps)
         self.playing, self.at = False, step
         for view in self.views:
             view.look, view.idle = None, ""
-        return []
 
-    def do_ants(self, message: Message) -> list[Message]:
+    def do_ants(self, message: Message) -> None:
         """Run one more ant cycle in the control cycle; if no ants take part in it, play it and say why."""
         self.playing, self.at = False, self.steps
         looked = [view.look_inside() for view in self.views]
@@ -212,7 +211,6 @@ class Session(Tab):
             self.advance()
             for view, why in zip(self.views, idle):
                 view.idle = why
-        return []
 
     def do_reset(self, message: Message) -> list[Message]:
         self.playing = False
@@ -315,12 +313,8 @@ class Session(Tab):
     def do_export(self, message: Message) -> list[Message]:
         """Return a file of an episode, played to its end on a copy; or the scenario, as a file or a link."""
         what = checks.choice("what", message.get("what"), ("scenario", "link", "keep", *EXPORTS))
-        if what == "scenario":
-            return [scenario_file(self.scenario)]
-        if what == "link":
-            return [link(self.scenario, self.policies)]
-        if what == "keep":
-            return [kept(self.scenario, self.policies)]
+        if what not in EXPORTS:
+            return [exported_scenario(what, self.scenario, self.policies)]
         view = checks.integer("view", message.get("view", 0), low=0, high=len(self.views) - 1)
         return [self.work("export", what, self.scenario, self.policies[view], seconds=EXPORT_SECONDS)]
 

@@ -15,7 +15,8 @@ from antway.web.workers import SECONDS, WORK, Workers
 class Tab(ABC):
     """A run that can be played, stepped and paused.
 
-    A method do_X carries out the requests of the page with `op` X: it takes a message and returns the messages to send back.
+    A method do_X carries out the requests of the page with `op` X: it takes a message and returns the messages to send back,
+    or nothing.
     """
 
     SPEEDS: ClassVar[tuple[float, ...]]  # allowed speeds of play
@@ -64,21 +65,18 @@ class Tab(ABC):
         if do is None:
             allowed = ", ".join(name.removeprefix("do_") for name in dir(self) if name.startswith("do_"))
             raise BadParameter("op", message.get("op"), f"one of {allowed}")
-        replies: list[Message] = do(message)
-        return replies
+        replies: list[Message] | None = do(message)
+        return replies or []
 
-    def do_play(self, message: Message) -> list[Message]:
+    def do_play(self, message: Message) -> None:
         self.playing = checks.instance("on", message.get("on"), bool) and not self.ended
-        return []
 
-    def do_step(self, message: Message) -> list[Message]:
+    def do_step(self, message: Message) -> None:
         self.playing = False
         self.advance()
-        return []
 
-    def do_speed(self, message: Message) -> list[Message]:
+    def do_speed(self, message: Message) -> None:
         speed = checks.number("speed", message.get("speed"))
         if speed not in self.SPEEDS:
             raise BadParameter("speed", speed, f"one of {', '.join(f'{s:g}' for s in self.SPEEDS)}")
         self.speed = speed
-        return []
