@@ -100,23 +100,11 @@ def left_tubes(
     chance: float,
     factor: float = 1.0,
 ) -> NDArray[np.bool_]:
-    """Tell which obstacles left their tubes, whose widths are learnt over time.
+    """Tell which obstacles left their tubes, bool[N]; a share of `chance` is to leave.
 
-    Parameters
-    ----------
-    now : float64[N]
-        Time of each prediction, s, not decreasing.
-    error, radius : float64[N]
-        Error of the prediction `ahead` s later, and the fitted radius of the tube, m.
-    chance : float
-        Intended share of obstacles that leave.
-    factor : float
-        Initial factor of the radii, > 0.
-
-    Notes
-    -----
-    The radius of a tube is the fitted one times a factor that is learnt from all tracks together (`learnt_factor`). Each
-    prediction counts from its time on.
+    Predictions are made at the times `now`, float64[N], s, which do not decrease. `error` and `radius`, float64[N], are the
+    error of each `ahead` s later and the fitted radius of its tube, m. A tube is as wide as fitted times a factor > 0 that is
+    learnt from all tracks together (`learnt_factor`), where each prediction counts from its time on.
     """
     out, due = np.zeros(len(now), np.bool_), 0
     for i in range(len(now)):
@@ -130,16 +118,8 @@ def left_tubes(
 def place_variance(p11: float, p12: float, p22: float, density: float, t: float) -> float:
     """Return the variance of a track's place along one axis `t` s after its estimate, m^2.
 
-    Parameters
-    ----------
-    p11, p12, p22 : float
-        Variances of place (m^2) and velocity (m^2/s^2), and their covariance (m^2/s).
-    density : float
-        Spectral density of the white acceleration that changes the velocity, m^2/s^3.
-
-    Notes
-    -----
-    p11 + 2 t p12 + t^2 p22 + density t^3 / 3 (Bar-Shalom, Li, Kirubarajan 2001, eq. 6.2.2-4).
+    `p11` and `p22` are the variances of place (m^2) and velocity (m^2/s^2), and `p12` is their covariance (m^2/s). White
+    acceleration of this spectral density, m^2/s^3, changes the velocity (Bar-Shalom, Li, Kirubarajan 2001, eq. 6.2.2-4).
     """
     return p11 + 2.0 * t * p12 + t * t * p22 + density * t * t * t / 3.0
 
@@ -147,19 +127,9 @@ def place_variance(p11: float, p12: float, p22: float, density: float, t: float)
 def tube_radius(variance: float, chance: float, dof: float) -> float:
     """Return the radius of the disc around a predicted place outside of which the track is with probability `chance`, m.
 
-    Parameters
-    ----------
-    variance : float
-        Variance along each axis, m^2.
-    chance : float
-        In (0, 1).
-    dof : float
-        Degrees of freedom of Student's t distribution in two dimensions; infinite means a normal distribution. People mostly
-        keep their velocity and turn now and then, so their errors have heavier tails than a normal distribution.
-
-    Notes
-    -----
-    P(r > R) = (1 + R^2 / (dof variance))^(-dof / 2), which tends to exp(-R^2 / (2 variance)).
+    The error has this variance, m^2, along each axis, and Student's t distribution in two dimensions with `dof` degrees of
+    freedom: P(r > R) = (1 + R^2 / (dof variance))^(-dof / 2), which tends to the normal exp(-R^2 / (2 variance)). People mostly
+    keep their velocity and turn now and then, so their errors have heavier tails than a normal distribution.
     """
     if dof == math.inf:
         return math.sqrt(-2.0 * math.log(chance) * variance)
@@ -169,10 +139,7 @@ def tube_radius(variance: float, chance: float, dof: float) -> float:
 def people_variance(sigma_v: float, t: float) -> float:
     """Return the variance of a person's place along one axis `t` s from now, m^2.
 
-    Parameters
-    ----------
-    sigma_v : float
-        Standard deviation along one axis of the velocity error over LATER s, m/s.
+    `sigma_v` is the standard deviation along one axis of the velocity error over LATER s, m/s.
     """
     own = max(_OWN * sigma_v * sigma_v - PEOPLE_DENSITY * LATER / 3.0, 0.0)
     return place_variance(1e-4, 0.0, own, PEOPLE_DENSITY, t)
@@ -181,21 +148,12 @@ def people_variance(sigma_v: float, t: float) -> float:
 def learnt_factor(factor: float, left: bool, chance: float, waiting: int) -> float:
     """Return the factor for the radii of tubes after one more prediction; `left` tells whether the track left its tube.
 
-    Parameters
-    ----------
-    factor : float
-        The factor before this prediction, > 0.
-    chance : float
-        Share of predictions that may leave their tubes, in (0, 1).
-    waiting : int
-        Number of predictions that were made since this one, > 0. They were made with factors that did not know its outcome.
-
-    Notes
-    -----
-    Its logarithm rises by s (1 - chance) or falls by s chance, where s = min(0.02, 4 / `waiting`). Over N predictions, the
-    share that leaves its tube then differs from `chance` by at most ln(highest / lowest factor) / (s N), however people move
-    (Gibbs, Candes: Adaptive conformal inference under distribution shift, NeurIPS 2021). In a crowd that is recorded 25 times a
-    second thousands of predictions wait: with 0.02 for each of them the factor swings by e^20 and more.
+    A share of `chance` in (0, 1) may leave; `waiting` > 0 predictions were made since this one, with factors that did not know
+    its outcome. The logarithm of the factor rises by s (1 - chance) or falls by s chance, where s = min(0.02, 4 / `waiting`).
+    Over N predictions, the share that leaves its tube then differs from `chance` by at most ln(highest / lowest factor) /
+    (s N), however people move (Gibbs, Candes: Adaptive conformal inference under distribution shift, NeurIPS 2021). In a crowd
+    that is recorded 25 times a second thousands of predictions wait: with 0.02 for each of them the factor swings by e^20 and
+    more.
     """
     return factor * math.exp(min(_ADAPTS, _MOST / waiting) * ((1.0 if left else 0.0) - chance))
 
