@@ -35,14 +35,12 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Arrow:
-    """From box `a` to box `b`: straight, or from the `side` of `a`, at the distance `column`, to that side of `b`."""
+    """From box `a` to box `b`: straight, `left` or `right` around the boxes between, `across` to the next column, or `back`."""
 
     a: str
     b: str
     label: str = ""
     side: str = ""
-    column: float = 0.5
-    into: str = ""
 
 
 _OPENING = {
@@ -131,10 +129,10 @@ def avoidance_chart() -> Figure:
         [
             *_down("start init global sense meet move goal end", meet="no", goal="yes"),
             *_down("target walk arrive update last take", last="yes"),
-            Arrow("meet", "target", "yes", "right", into="left"),
+            Arrow("meet", "target", "yes", "across"),
             Arrow("last", "walk", "no", "right"),
             Arrow("goal", "sense", "no", "left"),
-            Arrow("take", "sense", "", "down-left", column=0.95),
+            Arrow("take", "sense", side="back"),
         ],
     )
 
@@ -181,25 +179,21 @@ def _draw_arrow(axes: Axes, a: Box, b: Box, arrow: Arrow) -> None:
     if arrow.side == "":
         path = [(ax, ay - a.height / 2), (bx, by + b.height / 2)]
         label = (ax + 0.12, ay - a.height / 2 - 0.14)
-    elif arrow.into:
+    elif arrow.side == "across":
         column = (ax + half + bx - half) / 2
         path = [(ax + half, ay), (column, ay), (column, by), (bx - half, by)]
         label = (ax + half + 0.08, ay + 0.12)
-    elif arrow.side == "down-left":
-        column, low = bx - half - arrow.column, ay - a.height / 2 - 0.3
+    elif arrow.side == "back":
+        column, low = bx - half - 0.95, ay - a.height / 2 - 0.3
         path = [(ax, ay - a.height / 2), (ax, low), (column, low), (column, by + 0.12), (bx - half, by + 0.12)]
         label = (0.0, 0.0)
     else:
         sign = 1 if arrow.side == "right" else -1
-        column = max(sign * ax, sign * bx) * sign + sign * (half + arrow.column)
+        column = max(sign * ax, sign * bx) * sign + sign * (half + 0.5)
         path = [(ax + sign * half, ay), (column, ay), (column, by), (bx + sign * half, by)]
         label = (ax + sign * (half + 0.12) - (0.0 if sign > 0 else 0.22), ay + 0.12)
     axes.plot(*zip(*path), color=style.INK, linewidth=1.1, zorder=2, solid_joinstyle="miter")
-    axes.annotate(
-        "",
-        path[-1],
-        path[-2],
-        arrowprops={"arrowstyle": "-|>", "color": style.INK, "linewidth": 1.1, "shrinkA": 0, "shrinkB": 0},
-    )
+    head = {"arrowstyle": "-|>", "color": style.INK, "linewidth": 1.1, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", path[-1], path[-2], arrowprops=head)
     if arrow.label:
         axes.text(*label, arrow.label, fontsize=8, color=style.BLUE, fontweight="bold", zorder=5)

@@ -269,16 +269,8 @@ def _draw_choice(axes: Axes, grid: Grid, decision: Decision, labelled: bool) -> 
     if decision.path is not None and len(decision.path.xy):
         style.draw_path(axes, decision.path.xy, style.TEAL, 2.0, label="chosen path", zorder=3.5)
     if decision.local_target is not None:
-        axes.plot(
-            *decision.local_target,
-            marker="D",
-            color=style.TEAL,
-            markeredgecolor="white",
-            markersize=7,
-            linestyle="",
-            label="local target",
-            zorder=5.5,
-        )
+        diamond: dict[str, Any] = {"color": style.TEAL, "markeredgecolor": "white", "markersize": 7}
+        axes.plot(*decision.local_target, "D", label="local target", zorder=5.5, **diamond)
 
 
 def _draw_predictions(axes: Axes, trace: Trace, step: int) -> None:
