@@ -42,21 +42,7 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
     shortest = math.fsum(static_shortest(replace(task, start=a, goal=b)) for a, b in pairwise(ends))
     rest = 0.0 if result.trace is None else math.dist(result.trace.xy[-1].tolist(), task.goal)
     ratio = (result.length + rest) / shortest if result.reached and shortest > 0 else math.nan
-    visited = (
-        {}
-        if rounds is None
-        else {
-            "stops": len(rounds.stops),
-            "visited": len(rounds.visits),
-            "lateness": round(math.fsum(rounds.lateness(visit) for visit in rounds.visits), 6),
-            "orders": len(rounds.turns),
-            "order_ms_max": rounded(float(result.order_ms.max(initial=0.0))),
-            "visits": [
-                {**visit._asdict(), "stop": rounds.name(visit.stop), "late": rounds.lateness(visit)} for visit in rounds.visits
-            ],
-        }
-    )
-    return {
+    numbers: dict[str, Any] = {
         "outcome": result.outcome.value,
         "reason": result.reason,
         "reached": result.reached,
@@ -70,8 +56,18 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
         "cycle_ms_p50": rounded(result.cycle(50)),
         "cycle_ms_p99": rounded(result.cycle(99)),
         "seed": result.seed,
-        **visited,
     }
+    if rounds is not None:
+        late = [rounds.lateness(visit) for visit in rounds.visits]
+        numbers |= {
+            "stops": len(rounds.stops),
+            "visited": len(rounds.visits),
+            "lateness": round(math.fsum(late), 6),
+            "orders": len(rounds.turns),
+            "order_ms_max": rounded(float(result.order_ms.max(initial=0.0))),
+            "visits": [{**v._asdict(), "stop": rounds.name(v.stop), "late": s} for v, s in zip(rounds.visits, late)],
+        }
+    return numbers
 
 
 def explained(trace: Trace) -> list[dict[str, Any]]:
@@ -120,10 +116,6 @@ def write_episode(result: EpisodeResult, folder: Path, *, beside: Sequence[Episo
     trace, others = _trace(result), [_trace(other) for other in beside]
     for one in (*others, trace):
         write_figures(one, folder)
-    if trace.rounds is not None:
-        from antway.view.rounds import rounds_figure
-
-        figures.save(rounds_figure(trace), folder / "rounds.png")
     first, *rest = (*others, trace)
     path = figures.global_path(trace)
     write_animation(first, folder / "demo.gif", beside=rest, shortest=path, width=360 if rest else 480)
@@ -164,20 +156,16 @@ def write_figures(trace: Trace, folder: Path) -> None:
 
 def write_rounds(name: str, policy: str, seed: int | None, folder: Path) -> dict[str, Any]:
     """Play a scene with stops; write its figure, replay page, trace and summary, and return the summary."""
-    from antway.view import figures
     from antway.view.replay import write_replay
-    from antway.view.rounds import rounds_figure
 
     result = run(load_scenario(name), policy, seed=seed)
     numbers = write_record(result, folder)
-    trace = _trace(result)
-    figures.save(rounds_figure(trace), folder / "rounds.png")
-    write_replay(trace, folder / "replay.html")
+    write_replay(_trace(result), folder / "replay.html")
     return numbers
 
 
 def write_record(result: EpisodeResult, folder: Path) -> dict[str, Any]:
-    """Check an episode, write its trace, summary and timings into `folder`, and return the summary with timings.
+    """Check an episode, write its trace, summary, timings and rounds into `folder`, and return the summary with timings.
 
     Timings are only in `timings.json`, so that the other files are the same for the same seed.
     """
@@ -191,6 +179,11 @@ def write_record(result: EpisodeResult, folder: Path) -> dict[str, Any]:
         trace.save(folder / "trace.json")
         _write_json(folder / "summary.json", {name: value for name, value in numbers.items() if name not in TIMINGS})
         _write_json(folder / "timings.json", timings)
+    if trace.rounds is not None:
+        from antway.view.rounds import rounds_figure
+        from antway.view.style import save
+
+        save(rounds_figure(trace), folder / "rounds.png")
     return numbers
 
 

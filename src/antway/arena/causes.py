@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -43,17 +43,14 @@ def with_cause(trace: Trace) -> str:
     return f"{trace.reason}{_SPLIT}{why}" if why else trace.reason
 
 
-def errors(rows: Iterable[Row]) -> list[str]:
+def errors(rows: Sequence[Row]) -> list[str]:
     """Return a line for each policy that ended episodes with an error: in how many, and the reason of the first."""
-    by: dict[str, list[Row]] = {}
-    for row in rows:
-        by.setdefault(row.policy, []).append(row)
-    failed = {policy: [row.reason for row in mine if row.outcome == Outcome.ERROR.value] for policy, mine in by.items()}
-    return [
-        f"policy {policy} failed in {len(reasons)} of {len(by[policy])} episodes; first: {reasons[0]}"
-        for policy, reasons in failed.items()
-        if reasons
-    ]
+    lines = []
+    for policy, played in Counter(row.policy for row in rows).items():
+        reasons = [row.reason for row in rows if row.policy == policy and row.outcome == Outcome.ERROR.value]
+        if reasons:
+            lines.append(f"policy {policy} failed in {len(reasons)} of {played} episodes; first: {reasons[0]}")
+    return lines
 
 
 def by_cause(rows: Iterable[Row]) -> dict[str, int]:

@@ -6,6 +6,7 @@ import hashlib
 import importlib
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -182,11 +183,8 @@ def build(episode: Episode) -> Scenario:
         return scenario
     robot, own = load_robot(episode.robot), scenario.robot
     for attempt in range(_TRIES):
-        try:
+        with suppress(CellBlocked):
             driven = scenario.driven_by(robot)
-        except CellBlocked:
-            pass
-        else:
             if robot.radius <= own.radius or _connected(driven):
                 return driven
         scenario = make(episode.group, Chance(seed_of(episode.seed, attempt)))
@@ -195,15 +193,12 @@ def build(episode: Episode) -> Scenario:
 
 def _connected(scenario: Scenario) -> bool:
     """Tell whether the robot has a path from start to goal on the map, and no obstacle starts too near."""
-    free = ~scenario.world.grid.inflate(scenario.robot.radius).blocked
-    regions, _ = scipy.ndimage.label(free)
-    ends = [regions[scenario.world.grid.cell_at(end)] for end in (scenario.start, scenario.goal)]
-    at_start = scenario.world.timeline(0, 1.0).places(np.zeros(1))[0]
-    radius = scenario.robot.radius
-    clear = all(
-        math.dist(at, scenario.start) > radius + one.radius for at, one in zip(at_start.tolist(), scenario.world.obstacles)
-    )
-    return bool(ends[0] == ends[1] != 0) and clear
+    world, radius = scenario.world, scenario.robot.radius
+    regions, _ = scipy.ndimage.label(~world.grid.inflate(radius).blocked)
+    start, goal = (regions[world.grid.cell_at(end)] for end in (scenario.start, scenario.goal))
+    at_start = world.timeline(0, 1.0).places(np.zeros(1))[0].tolist()
+    clear = all(math.dist(at, scenario.start) > radius + one.radius for at, one in zip(at_start, world.obstacles))
+    return bool(start == goal != 0) and clear
 
 
 @lru_cache(maxsize=8)

@@ -127,12 +127,9 @@ def ranked(
     `wins` and `times` are those of `paired`. The rank by time is a dash for a policy with fewer than ten times: it cannot be
     significantly slower than another one, and would be first.
     """
-    by_time = {name: (str(rank), mean) for name, mean, rank in metrics.ranks(times, most=False)}
     few = {name for name, mine in times.items() if np.isfinite(mine).sum() < metrics.PAIRS}
-    return [
-        (name, rank, mean, "–" if name in few else by_time[name][0], by_time[name][1])
-        for name, mean, rank in metrics.ranks(wins)
-    ]
+    by_time = {name: ("–" if name in few else str(rank), mean) for name, mean, rank in metrics.ranks(times, most=False)}
+    return [(name, rank, mean, *by_time[name]) for name, mean, rank in metrics.ranks(wins)]
 
 
 def sections(rows: Sequence[Row]) -> dict[str, list[Row]]:

@@ -301,8 +301,5 @@ def _tint(picture: Image.Image, colour: str, veil: Image.Image) -> None:
 
 def _star(draw: ImageDraw.ImageDraw, x: float, y: float, size: float) -> None:
     angles = [k * math.pi / 5 - math.pi / 2 for k in range(10)]
-    corners = [
-        (x + size * (0.42 if k % 2 else 1) * math.cos(a), y + size * (0.42 if k % 2 else 1) * math.sin(a))
-        for k, a in enumerate(angles)
-    ]
+    corners = [(x + radius * math.cos(a), y + radius * math.sin(a)) for a, radius in zip(angles, (size, 0.42 * size) * 5)]
     draw.polygon(corners, fill=style.GOLD, outline=style.INK, width=SUPER)

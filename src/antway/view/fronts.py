@@ -44,14 +44,11 @@ def front_figure(grid: Grid, front: TimedFront, obstacles: Timeline | None = Non
     left, right = style.figure(2 * width, height).subplots(1, 2)
     style.draw_map(left, grid)
     last = float(front.values[-1, 0])
-    for k in range(0 if obstacles is None else len(obstacles)):
-        assert obstacles is not None
-        track = obstacles.places(np.linspace(0.0, last, 200))[:, k]
-        left.plot(*track.T, color=style.RED, linewidth=0.9, alpha=0.5)
-        left.add_patch(
-            Circle((track[0, 0], track[0, 1]), float(obstacles.radius[k]), fill=False, edgecolor=style.RED, zorder=3)
-        )
     if obstacles is not None and len(obstacles):
+        tracks = obstacles.places(np.linspace(0.0, last, 200)).transpose(1, 0, 2)
+        for track, radius in zip(tracks, obstacles.radius.tolist()):
+            left.plot(*track.T, color=style.RED, linewidth=0.9, alpha=0.5)
+            left.add_patch(Circle((track[0, 0], track[0, 1]), radius, fill=False, edgecolor=style.RED, zorder=3))
         look: dict[str, Any] = {"color": style.RED, "markerfacecolor": "none", "markersize": 8, "linewidth": 0.9}
         left.plot([], [], "o-", label="obstacle when the robot starts, and its track", **look)
     chosen = np.unique(np.linspace(0, len(front.paths) - 1, _SHOWN).round().astype(int)).tolist()

@@ -124,10 +124,9 @@ def show(record: object, *, height: int = 720, browser: bool = True) -> Page:
     trace = record.trace if isinstance(record, EpisodeResult) else record
     page = replay_page(trace) if isinstance(trace, Trace) else html(record)
     if "ipykernel" in sys.modules:
-        if not isinstance(trace, Trace):
-            return Page(page)
-        return Page(f'<iframe style="width:100%;height:{height}px;border:0" srcdoc="{markup.escape(page)}"></iframe>')
-    if checks.instance("browser", browser, bool):
+        if isinstance(trace, Trace):
+            page = f'<iframe style="width:100%;height:{height}px;border:0" srcdoc="{markup.escape(page)}"></iframe>'
+    elif checks.instance("browser", browser, bool):
         file = Path(tempfile.mkdtemp(prefix="antway-")) / "antway.html"
         file.write_text(page, encoding="utf-8")
         webbrowser.open(file.as_uri())

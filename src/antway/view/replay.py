@@ -135,7 +135,7 @@ def map_record(grid: Grid, pack: Callable[[NDArray[np.bool_]], str]) -> dict[str
 
 def _decision(step: int, decision: Decision, box: _Box, masks: dict[bytes, int], heaps: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the data of a decision; equal pheromone is stored once."""
-    heap = None
+    heap, predicted = None, decision.predicted
     if decision.pheromone is not None:
         row, col, amount = decision.pheromone
         key = bytes(f"{row},{col},", "ascii") + np.ascontiguousarray(amount).tobytes()
@@ -158,9 +158,7 @@ def _decision(step: int, decision: Decision, box: _Box, masks: dict[bytes, int],
         "gap": rounded(decision.gap),
         "guard": decision.guard,
         "pheromone": heap,
-        "predicted": None
-        if decision.predicted is None or not len(decision.predicted)
-        else to_base64(decision.predicted, "<f4"),
+        "predicted": None if predicted is None or not len(predicted) else to_base64(predicted, "<f4"),
     }
     return {key: value for key, value in record.items() if value not in (None, "", [])}
 

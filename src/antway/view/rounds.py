@@ -56,15 +56,14 @@ def _draw_times(axes: Axes, trace: Trace, rounds: Rounds) -> None:
     for row, stop in enumerate(order):
         stops.draw_window(axes, row, rounds.stops[stop].window, 1.03 * end)
         labels.append(f"{rounds.name(stop)}  {row + 1 if row < len(rounds.visits) else '-'}")
-        if row >= len(rounds.visits):
-            continue
-        visit = rounds.visits[row]
-        times, late = (before, visit.arrival, visit.start, visit.end), rounds.lateness(visit) > 0
-        stops.draw_visit(axes, row, times, style.BLUE, late=late, size=4.4)
-        before = visit.end
+        if row < len(rounds.visits):
+            visit = rounds.visits[row]
+            times, late = (before, visit.arrival, visit.start, visit.end), rounds.lateness(visit) > 0
+            stops.draw_visit(axes, row, times, style.BLUE, late=late, size=4.4)
+            before = visit.end
     for turn in rounds.turns:
         if turn.t > 0:
             axes.axvline(turn.t, color=style.ORANGE, linewidth=1.0, linestyle=(0, (4, 2)), zorder=1.5)
-    stops.finish_schedule(axes, range(len(order)), labels)
+    stops.finish_schedule(axes, labels)
     axes.set(xlabel="time (s)", xlim=(0, 1.03 * end), ylim=(len(order) - 0.4, -0.6))
     axes.set_title("When the robot was where")

@@ -123,9 +123,9 @@ def draw_visit(axes: Axes, row: int, times: Sequence[float], colour: str, *, lat
     axes.plot(arrival, row, marker="D" if late else "o", color=style.RED if late else colour, markersize=size, zorder=4)
 
 
-def finish_schedule(axes: Axes, rows: Sequence[int], labels: Sequence[str]) -> None:
+def finish_schedule(axes: Axes, labels: Sequence[str]) -> None:
     """Name the rows of a schedule, and remove its frame but for the axis of time."""
-    axes.set_yticks(rows, labels, fontsize=7.5)
+    axes.set_yticks(range(len(labels)), labels, fontsize=7.5)
     axes.tick_params(axis="y", length=0)
     axes.spines[["top", "right", "left"]].set_visible(False)
 

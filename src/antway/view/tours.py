@@ -122,31 +122,28 @@ def _late(tour: TourPlan, route: Route, n: int) -> float:
 
 def _draw_schedule(axes: Axes, tour: TourPlan) -> None:
     """Draw for each stop its window, and when the robot arrives, waits and serves, one row a stop."""
-    task, row, ticks, labels = tour.task, 0, [], []
+    task, labels = tour.task, list[str]()
     last = max(1e-9, tour.duration, *(w for w in task.windows[:, 1].tolist() if math.isfinite(w)))
     last = min(last, 1.6 * max(tour.duration, 1e-9))
     for k, route in enumerate(tour.routes):
         colour = style.COLOURS[k % len(style.COLOURS)]
         if len(tour.routes) > 1:
-            axes.text(0.0, row, f"robot {k + 1}", va="center", color=colour, weight="bold", fontsize=7.5)
-            ticks.append(row)
+            axes.text(0.0, len(labels), f"robot {k + 1}", va="center", color=colour, weight="bold", fontsize=7.5)
             labels.append("")
-            row += 1
         before = 0.0
         for n, stop in enumerate(route.order.tolist()):
+            row = len(labels)
             stops.draw_window(axes, row, task.windows[stop].tolist(), 1.02 * last)
             arrival, late = float(route.arrival[n]), _late(tour, route, n) > 0
             start = arrival + float(route.waiting[n])
             end = start + float(task.service[stop])
             stops.draw_visit(axes, row, (before, arrival, start, end), colour, late=late, size=5 if late else 4.2)
             before = end
-            ticks.append(row)
             labels.append(f"{task.names[stop]}  {n + 1}")
-            row += 1
     if math.isfinite(task.deadline) and task.deadline <= 1.6 * last:
         axes.axvline(task.deadline, color=style.INK, linewidth=1.0, linestyle=(0, (4, 2)), zorder=1.5)
         axes.text(task.deadline, -0.9, "deadline ", ha="right", va="center", fontsize=7)
-    stops.finish_schedule(axes, ticks, labels)
-    axes.set(xlabel="time (s)", ylim=(row - 0.4, -1.3 if math.isfinite(task.deadline) else -0.6))
+    stops.finish_schedule(axes, labels)
+    axes.set(xlabel="time (s)", ylim=(len(labels) - 0.4, -1.3 if math.isfinite(task.deadline) else -0.6))
     axes.set_xlim(0, 1.03 * max(last, task.deadline if task.deadline <= 1.6 * last else 0.0))
     axes.set_title("Schedule")
