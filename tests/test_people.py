@@ -780,7 +780,7 @@ def test_tubes_hold_in_crowds_that_are_recorded_often(people: int) -> None:
     error = np.repeat(np.abs(rng.standard_t(3.0, 24 * people)).reshape(24, people), 15, axis=0).ravel()  # anew each 0.5 s
     for chance in (0.05, 0.2):
         radius = np.quantile(error, 1.0 - chance)
-        assert left_tubes(now, error, np.full(len(now), radius), 4.0, chance).mean() == pytest.approx(chance, abs=0.03)
+        assert left_tubes(now, error, np.full(len(now), radius), 4.0, chance, 1.0).mean() == pytest.approx(chance, abs=0.03)
 
 
 def test_the_mean_error_of_forecasts_is_that_of_a_loop(tmp_path: Path) -> None:

@@ -95,9 +95,8 @@ def late() -> None:
     s = policy._state
     estimates, prediction = s.crowd.averaged[:1].copy(), s.crowd.prediction[:1].copy()
     estimates[0, :2], prediction[:] = (task.start[0] + 2.0, task.start[1]), 0.0  # an obstacle that is predicted to stand
-    snapshot = Snapshot(
-        s.context, s.settings, s.terrain, 0.0, 0.0, task.start, estimates, prediction, s.plan.segments[:0].copy()
-    )
+    none = s.plan.segments[:0].copy()
+    snapshot = Snapshot(s.context, s.settings, s.terrain, 0.0, 0.0, task.start, estimates, prediction, none)
     path, segments = snapshot.straight(), snapshot.segments_of(0)
     if path is not None and len(segments):
         snapshot.conflict(path, segments)

@@ -112,7 +112,7 @@ def tracks(file: str) -> Suite:
         raise TooLarge("tracks", tuple((high - low).tolist()), "a place of at most 400 m a side; x and y are in m", where=file)
     grid = Grid(np.zeros((shape[1], shape[0]), np.bool_), cell, (float(low[0]), float(low[1]), 0.0))
     walkers = walks(table, file)
-    last = float(table[:, 0].max())
+    last, name = float(table[:, 0].max()), Path(file).name
 
     def make(group: str, chance: Chance) -> Scenario:
         for clear in np.repeat(_CLEAR, _DRAWS):
@@ -131,12 +131,10 @@ def tracks(file: str) -> Suite:
             people = tuple(Obstacle(0.3, _walk(w, since, float(np.hypot(*(high - low))))) for w in present)
             at = World(grid, people).timeline(0, 1.0).places(np.zeros(1))[0]
             if all(math.dist(place, start) > clear for place in at.tolist()):
-                return Scenario(
-                    World(grid, people), start, goal, robot=ROBOT, horizon=horizon, name=f"tracks {Path(file).name}"
-                )
+                return Scenario(World(grid, people), start, goal, robot=ROBOT, horizon=horizon, name=f"tracks {name}")
         raise BadScenario("tracks", file, f"a recording with starts that are {_CLEAR[-1]:g} m from everybody")
 
-    return Suite(f"tracks:{Path(file).name}-{content_hash(file)}", ("all",), make, default=50)
+    return Suite(f"tracks:{name}-{content_hash(file)}", ("all",), make, default=50)
 
 
 def read_tracks(file: str) -> NDArray[np.float64]:

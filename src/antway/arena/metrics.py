@@ -21,6 +21,7 @@ RESAMPLES = 2000  # number of resamples of the bootstrap
 PAIRS = 10  # least number of pairs of episodes for a significant difference
 Z95 = 1.959963984540054  # 97.5 % quantile of the standard normal distribution
 Interval = tuple[float, float]
+Scores = dict[str, NDArray[np.float64]]  # of each policy, on the same episodes in the same order
 
 
 # Measures of one episode
@@ -152,14 +153,14 @@ def real_difference(a: ArrayLike, b: ArrayLike) -> tuple[float, Interval, bool]:
     return float(difference.mean()) if n else math.nan, (low, high), n >= PAIRS and not low <= 0.0 <= high
 
 
-def scored_by_all(scores: dict[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
+def scored_by_all(scores: Scores) -> NDArray[np.bool_]:
     """Tell in which of the N episodes every policy has a score, bool[N]; policies without any score do not count."""
     known = np.isfinite(np.array(list(scores.values())))
     common: NDArray[np.bool_] = known[known.any(axis=1)].all(axis=0)
     return common
 
 
-def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[tuple[str, float, int]]:
+def ranks(scores: Scores, *, most: bool = True) -> list[tuple[str, float, int]]:
     """Rank policies by their mean score on the same episodes; those whose difference is not significant share a rank.
 
     Parameters

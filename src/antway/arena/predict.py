@@ -17,6 +17,7 @@ from antway.kernels.tracking.predict import ID, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.prediction_error import LATER
 from antway.kernels.tracking.table import make_table
 
+Floats = NDArray[np.float64]
 HORIZONS = (1.0, 2.0, 4.8)  # s; the literature uses 4.8 s, in steps of 0.4 s
 TIMES = (0.5, 1.0, 2.0, 4.0)  # s; times at which tubes are tested
 CHANCES = (0.05, 0.2)
@@ -92,14 +93,7 @@ def forecast(file: str, *, factor: float = 1.0) -> Forecast:
     return Forecast(len(now), ade, fde, outside)
 
 
-def left_tubes(
-    now: NDArray[np.float64],
-    error: NDArray[np.float64],
-    radius: NDArray[np.float64],
-    ahead: float,
-    chance: float,
-    factor: float = 1.0,
-) -> NDArray[np.bool_]:
+def left_tubes(now: Floats, error: Floats, radius: Floats, ahead: float, chance: float, factor: float) -> NDArray[np.bool_]:
     """Tell which obstacles left their tubes, bool[N]; a share of `chance` is to leave.
 
     Predictions are made at the times `now`, float64[N], s, which do not decrease. `error` and `radius`, float64[N], are the
@@ -184,7 +178,7 @@ def _shown(value: float, form: str) -> str:
     return "-" if math.isnan(value) else format(value, form)
 
 
-def _estimates(walkers: list[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _estimates(walkers: list[Floats]) -> tuple[Floats, Floats, Floats]:
     """Replay recorded tracks; return the time, the track estimate and the velocity over the last STEP for each prediction."""
     table = np.vstack([_steps(name, walker) for name, walker in enumerate(walkers)])
     table = table[np.argsort(table[:, 0], kind="stable")]
@@ -203,7 +197,7 @@ def _estimates(walkers: list[NDArray[np.float64]]) -> tuple[NDArray[np.float64],
     return np.concatenate(times), np.vstack(rows), np.vstack(last)
 
 
-def _steps(name: float, walker: NDArray[np.float64]) -> NDArray[np.float64]:
+def _steps(name: float, walker: Floats) -> Floats:
     """Return a row for each step of a track.
 
     These are time, id, place, velocity over the last 0.1 s or since the row before if that is longer, velocity over the last
@@ -211,9 +205,9 @@ def _steps(name: float, walker: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     t, xy = walker[:, :1], walker[:, 1:]
 
-    def velocity(time: float) -> NDArray[np.float64]:
+    def velocity(time: float) -> Floats:
         since = np.minimum(np.searchsorted(t[:, 0], t[1:, 0] - time - 1e-9), np.arange(len(t) - 1))
-        over: NDArray[np.float64] = (xy[1:] - xy[since]) / (t[1:] - t[since])
+        over: Floats = (xy[1:] - xy[since]) / (t[1:] - t[since])
         return over
 
     return np.column_stack((t[1:], np.full(len(t) - 1, name), xy[1:], velocity(0.1), velocity(STEP), t[1:] - t[0]))

@@ -104,9 +104,7 @@ def _median(values: Sequence[float]) -> float:
     return float(np.median(kept)) if kept else math.nan
 
 
-def paired(
-    rows: Sequence[Row], policies: Sequence[str]
-) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.float64]]]:
+def paired(rows: Sequence[Row], policies: Sequence[str]) -> tuple[metrics.Scores, metrics.Scores]:
     """Return success (0 or 1) and time over the optimum (NaN if not reached) on the episodes that all policies played."""
     by: dict[tuple[str, str, int, str], dict[str, Row]] = {}
     for row in rows:
@@ -119,9 +117,7 @@ def paired(
     return wins, times
 
 
-def ranked(
-    wins: dict[str, NDArray[np.float64]], times: dict[str, NDArray[np.float64]]
-) -> list[tuple[str, int, float, str, float]]:
+def ranked(wins: metrics.Scores, times: metrics.Scores) -> list[tuple[str, int, float, str, float]]:
     """Return policy, rank by success, success, rank by time and mean time over the optimum, best first.
 
     `wins` and `times` are those of `paired`. The rank by time is a dash for a policy with fewer than ten times: it cannot be

@@ -235,10 +235,8 @@ def _frame(painter: _Painter, step: int, named: bool) -> Image.Image:
     if decision is not None and decision.path is not None:
         painter.line(draw, decision.path.xy, style.TEAL, 2)
     painter.line(draw, trace.xy[: step + 1], style.BLUE, 3)
-    for k, radius in enumerate(trace.obstacle_radius):
-        painter.disc(
-            draw, trace.obstacle_xy[step, k], float(radius), style.RED if trace.sensed[step, k] else "white", style.RED
-        )
+    for xy, radius, seen in zip(trace.obstacle_xy[step], trace.obstacle_radius.tolist(), trace.sensed[step]):
+        painter.disc(draw, xy, radius, style.RED if seen else "white", style.RED)
     _star(draw, *painter.at(trace.task.goal), 10 * SUPER)
     _mark_robot(picture, painter, step)
     top = painter.height * SUPER

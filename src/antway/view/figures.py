@@ -227,16 +227,15 @@ def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, pheromo
         axes.add_patch(sensed)
         axes.plot([], [], color=style.INK, linestyle=(0, (1, 2)), label="sensed range")
     _draw_predictions(axes, trace, step)
-    for k in range(len(trace.obstacle_id)):
-        _disc(
-            axes, trace.obstacle_xy[step, k], trace.obstacle_radius[k], style.RED, zorder=5, filled=bool(trace.sensed[step, k])
-        )
+    for xy, radius, seen in zip(trace.obstacle_xy[step], trace.obstacle_radius, trace.sensed[step]):
+        _disc(axes, xy, radius, style.RED, zorder=5, filled=bool(seen))
     _draw_obstacle_labels(axes, trace, step)
     _draw_numbers(axes, trace, step)
     style.draw_path(axes, trace.xy[: step + 1], style.BLUE, 2.2, label="driven", zorder=4)
     _draw_stops(axes, trace)
     draw_ends(axes, task.start, task.goal)
-    _disc(axes, trace.xy[step], task.robot.radius, style.BLUE, zorder=6, label="robot")
+    _disc(axes, trace.xy[step], task.robot.radius, style.BLUE, zorder=6)
+    axes.plot([], [], "o", color=style.BLUE, markersize=8, label="robot")
     nose = trace.xy[step] + task.robot.radius * np.array([np.cos(trace.heading[step]), np.sin(trace.heading[step])])
     axes.plot(*np.array([trace.xy[step], nose]).T, color="white", linewidth=1.2, zorder=6.5)
 
@@ -344,20 +343,9 @@ def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None
     axes.plot(*goal, marker="*", color=style.GOLD, markersize=13, markeredgewidth=0.9, label="goal", **look)
 
 
-def _disc(
-    axes: Axes,
-    centre: NDArray[np.float64],
-    radius: float,
-    colour: str,
-    *,
-    zorder: float,
-    filled: bool = True,
-    label: str | None = None,
-) -> None:
+def _disc(axes: Axes, centre: NDArray[np.float64], radius: float, colour: str, *, zorder: float, filled: bool = True) -> None:
     face = colour if filled else "none"
     axes.add_patch(Circle((centre[0], centre[1]), radius, facecolor=face, edgecolor=colour, linewidth=1.2, zorder=zorder))
-    if label is not None:
-        axes.plot([], [], "o", color=colour, markersize=8, linestyle="", label=label)
 
 
 def _wrapped(text: str) -> str:
