@@ -155,6 +155,14 @@ def test_recordings_are_not_cut_short(monkeypatch, tmp_path):
         read_tracks(str(tmp_path / "t.csv"))
 
 
+@pytest.mark.parametrize(("text", "says"), [("1," * 10_000, "letters"), ("1" * 10**6, "letters"), ("\n" * 4_000_001, "lines")])
+def test_recordings_of_long_lines_or_endless_empty_ones_are_refused(text, says, tmp_path):
+    """They took up to 700 MB, or many seconds, before they were refused."""
+    (tmp_path / "t.csv").write_text("t,id,x,y\n" + text)
+    with pytest.raises(BadScenario, match=says):
+        read_tracks(str(tmp_path / "t.csv"))
+
+
 def test_who_walks_to_and_fro_is_not_taken_for_slow(tmp_path, recwarn):
     """He comes to little in an hour, but his times are in s."""
     rows = [f"{0.2 * k:.1f},{person},{1 + 6 * abs(0.2 * k / 6 % 2 - 1):.3f},{person}" for k in range(290) for person in "0123"]

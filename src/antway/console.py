@@ -410,7 +410,7 @@ def exit_with(app: Callable[..., Any]) -> None:
         if isinstance(stream, io.TextIOWrapper):  # letters that the locale lacks are printed as escapes
             stream.reconfigure(errors="backslashreplace")
     try:
-        status = app(standalone_mode=False)
+        status = app(standalone_mode=False, prog_name="antway")  # "python -m antway" would be completed as Python is
         if status == INTERRUPTED:
             raise KeyboardInterrupt
         sys.stdout.flush()

@@ -33,7 +33,8 @@ ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=4.0)
 DENSITIES = {"low": 0.02, "medium": 0.05, "high": 0.1}  # 1/m^2; discs per area of free space
 MOST = 300  # limit of discs in an episode
 MAX_BYTES = 64 * 2**20  # limit of a track file
-MAX_ROWS = 2_000_000  # limit of rows read from a track file
+MAX_ROWS = 2_000_000  # limit of rows read from a track file, and half of that of its lines
+MAX_LINE = 10_000  # limit of the letters of a line
 _COLUMNS = "t", "id", "x", "y"  # columns of a recording in CSV
 _GAP = 3.0  # s; who is unseen for longer, and for longer than 3 frames, counts as somebody else from then on
 _STEP = 0.1  # s; of places less than this apart one is used, because errors of places are most of a velocity between them
@@ -173,7 +174,7 @@ def _read_table(file: str, comma: bool) -> NDArray[np.float64]:
     with opened(path, MAX_BYTES, error=BadScenario, field="tracks") as (data, _), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # about files without lines, whose shape is refused below
         try:
-            lines = enumerate(io.TextIOWrapper(data, encoding="utf-8-sig"), 1)
+            lines = _lines(io.TextIOWrapper(data, encoding="utf-8-sig"))
             # The heading may stand in a comment, as NumPy writes it; other comments say nothing.
             says = ((n, line) for n, line in lines if line.strip() and (line[0] != "#" or {*_COLUMNS} <= {*_names(line)}))
             first = next(says, (0, ""))
@@ -200,6 +201,19 @@ def _read_table(file: str, comma: bool) -> NDArray[np.float64]:
         row = int(np.argmin(sound))
         raise BadScenario(f"tracks, line {numbers[row]}", table[row].tolist(), "finite numbers, up to 1e10", where=file)
     return table[:, (0, 1, 2, y[table.shape[1]])]
+
+
+def _lines(text: io.TextIOWrapper) -> Iterator[tuple[int, str]]:
+    """Yield the lines of a file with their numbers, from 1."""
+    for number in range(1, 2 * MAX_ROWS + 1):
+        line = text.readline(MAX_LINE + 1)
+        if len(line) > MAX_LINE:
+            raise ValueError(f"a line {number} of more than {MAX_LINE} letters")
+        if not line:
+            return
+        yield number, line
+    if text.readline(1):
+        raise ValueError(f"more than {2 * MAX_ROWS} lines")
 
 
 def _rows(lines: Iterable[tuple[int, str]], numbers: list[int]) -> Iterator[str]:
