@@ -19,6 +19,7 @@ from antway import BadInput, BadScenario, TooLarge, load_scenario, load_tsp, loa
 from antway.ants.tsplib import MAX_CITIES, MAX_LINES
 from antway.ants.tsplib import parse as parse_tsp
 from antway.arena.environments import read_tracks, tracks, walks
+from antway.limits import MAX_TABLES
 from antway.reading import Unpacked, check_nesting, decoded, numbers_in
 from antway.tours.time_windows import parse as parse_tsptw
 from antway.view import write_view
@@ -58,6 +59,16 @@ def test_the_time_of_reading_toml_grows_with_its_length_alone(text, tmp_path):
     done = subprocess.run([sys.executable, "-c", read], cwd=tmp_path, capture_output=True, timeout=60, text=True)
     assert re.search(r"errors\.(TooLarge|BadScenario): ", done.stderr.splitlines()[-1])
     assert len(done.stderr) < 10_000, "a message shows little of a long key"
+
+
+def test_tables_of_toml_are_counted_before_they_are_made(tmp_path):
+    """A table takes a hundred times its bytes; rows of lists are no tables."""
+    (tmp_path / "swarm.toml").write_text("".join(f"[a{k}.b]\n" for k in range(MAX_TABLES + 1)))
+    with pytest.raises(TooLarge, match="tables"):
+        load_scenario(tmp_path / "swarm.toml")
+    (tmp_path / "rows.toml").write_text("points = [\n" + "  [1.0, 2.0],\n" * 50_000 + "  [1.0, 2.0]\n]\n")
+    with pytest.raises(BadScenario, match="points"):
+        load_scenario(tmp_path / "rows.toml")
 
 
 def test_tsplib_files_of_endless_short_lines_are_refused():

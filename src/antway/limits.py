@@ -15,3 +15,4 @@ MAX_TRACKS = 10_000  # limit of obstacles in an observation
 MAX_DEPTH = 32  # limit of nested brackets, and of parts of a dotted key in a TOML file
 MAX_PAGE_SEED = 2**53 - 1  # limit of seeds on the live pages: JavaScript rounds greater integers
 MAX_LISTS = 1_000_000  # limit of lists and tables in a TOML or JSON file
+MAX_TABLES = 30_000  # limit of the headed tables in a TOML file, each of which takes a hundred times its bytes

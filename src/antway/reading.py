@@ -20,10 +20,11 @@ import yaml
 from numpy.typing import NDArray
 
 from antway.errors import BadInput, BadMap, BadScenario, TooLarge
-from antway.limits import MAX_DEPTH, MAX_LISTS
+from antway.limits import MAX_DEPTH, MAX_LISTS, MAX_TABLES
 
 # Keys of many dotted parts. It starts at the start of a word and never goes back, so that its time grows with the text alone.
 _DOTTED = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH},}}")
+_TABLE = re.compile(r"^[ \t]*\[{1,2}[^\],\n]*\]{1,2}[ \t]*(?:#.*)?$", re.MULTILINE)  # its head; lists have commas
 _PLAIN_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|seq|map|null)")
 _SPACE = re.compile(rb"\s")
 _BLOCK = 2**20  # bytes of text that are split into words at once
@@ -101,6 +102,9 @@ def read_toml_file(path: Path, most: int, field: str) -> dict[str, Any]:
     if deep:
         raise TooLarge("key", deep[0], f"of at most {MAX_DEPTH} dotted parts", where=where)
     check_nesting(text, MAX_DEPTH, MAX_LISTS, where)
+    tables = sum(1 for _ in _TABLE.finditer(text))
+    if tables > MAX_TABLES:
+        raise TooLarge("tables", tables, f"at most {MAX_TABLES} tables with heads", where=where)
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
