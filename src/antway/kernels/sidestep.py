@@ -33,22 +33,11 @@ def chance_of_contact(
     ahead: float,
     hold: float,
 ) -> float:
-    """Return the expected number of tracks that touch the robot within `ahead` s.
+    """Return the expected number of tracks that touch the robot, of `radius` m, within `ahead` s.
 
-    Parameters
-    ----------
-    places : float64[STEPS + 1, 2]
-        Places of the robot on the plan at equal time steps from now to `ahead` s, m.
-    aside : (float, float)
-        Velocity relative to the plan during the first `hold` s, m/s.
-    estimates : float64[K, 8]
-        As in kernels/tracking/predict.py. Each track keeps its velocity, whose standard deviation is SIGMA_V.
-    age, radius : float
-        Age of the estimates, s; radius of the robot, m.
-    enough : float
-        The sum is broken off when it reaches this value.
-    ahead, hold : float
-        Times as above, s.
+    `places`, float64[STEPS + 1, 2], are those of the robot on the plan at equal time steps from now on, m, relative to which it
+    moves with the velocity `aside`, m/s, during the first `hold` s. Each track keeps its velocity, whose standard deviation is
+    SIGMA_V; the estimates (kernels/tracking/predict.py) are `age` s old. The sum is broken off when it reaches `enough`.
     """
     (ox, oy), h, total = aside, ahead / STEPS, 0.0
     for k in range(len(estimates)):
@@ -88,19 +77,8 @@ def sidestep(
 ) -> tuple[float, float]:
     """Return the command (vx, vy) that minimizes the chance of contact plus a cost for the change from the given command.
 
-    Parameters
-    ----------
-    knots : float64[N, 3]
-        The plan, rows (t, x, y); empty if there is none.
-    now, age : float
-        Time now, and age of the estimates, s.
-    xy, command : (float, float)
-        Place of the robot, m, and the velocity that keeps it on the plan, m/s.
-    estimates : float64[K, 8]
-        As in `chance_of_contact`.
-    context : PlanningContext
-    dt : float
-        Control period, s.
+    `knots`, float64[N, 3], are the plan's rows (t, x, y); empty if there is none. The robot is at `xy`, m, and `command` is the
+    velocity that keeps it on the plan, m/s. The estimates are those of `chance_of_contact`, and `dt` is the control period, s.
     """
     (x, y), (cx, cy), n, v = xy, command, len(knots), context.speed
     ahead, hold = max(AHEAD, 3.0 * dt), max(HOLD, dt)

@@ -291,27 +291,17 @@ def _judge_abreast(sequences: NDArray[np.float64], problem: ControlProblem, limi
 
 @bare_kernel
 def judge_all(sequences: NDArray[np.float64], problem: ControlProblem, limit: float, cost: NDArray[np.float64]) -> None:
-    """Compute the cost of each sequence of controls, s; it is infinite if it is sure to be above `limit`.
+    """Compute the cost of each sequence of controls, s; it is infinite if it is sure to be above `limit`, which may be so, too.
 
-    Parameters
-    ----------
-    sequences : float64[N, S, 2]
-        Speed and turn rate, or the velocity's x and y, commanded in each period.
-    problem : ControlProblem
-    limit : float
-        s; may be infinite.
-    cost : float64[N]
-        s; filled.
+    `sequences`, float64[N, S, 2], are speed and turn rate, or the velocity's x and y, commanded in each period; `cost`,
+    float64[N], is filled.
 
-    Notes
-    -----
     At the end of each step, the time to go is the static one or, if that is more, the time that the plan still takes from its
     place at that time, plus the path to that place: behind a moving obstacle the static time is too short. The time that a car
     loses to turns is added. At the end of the sequence the time to go itself is added or, if that is more, the static one with
     what the robot will still lose to ramps and turns: a robot that waits loses nothing to them, and need not take a run-up or,
-    where it has found no path (`ramps`), turn.
-    What obstacles will cost afterwards is added (kernels/controls/afterwards.py). A robot that reaches the goal brakes as soon
-    as a command given there acts; what it meets until it stands counts as before.
+    where it has found no path (`ramps`), turn. What obstacles will cost afterwards is added (kernels/controls/afterwards.py). A
+    robot that reaches the goal brakes as soon as a command given there acts; what it meets until it stands counts as before.
     """
     for first in range(0, len(sequences), BATCH):
         _judge_abreast(sequences[first : first + BATCH], problem, limit, cost[first : first + BATCH])

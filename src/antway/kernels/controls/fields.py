@@ -135,27 +135,13 @@ def turning_times(
 ) -> NDArray[np.float64]:
     """Return the time to the goal from each cell and heading for a car that goes straight or turns at its turning radius, s.
 
-    Parameters
-    ----------
-    times : float64[H, W]
-        The time of a robot that turns in no time. It is infinite where the robot's centre cannot be, and 0 at the goal.
-    fits : bool[headings, H, W]
-        Whether the robot's body has room in each cell and heading, if its centre has; heading k is 2 pi k / headings, rad.
-    size, radius : float
-        Edge of a cell and turning radius, m.
-    v_max, v_reverse : float
-        m/s; the second may be 0.
-    sweeps : int
-        Most iterations over all poses. If more would be needed, the times of some poses are too short.
+    `times`, float64[H, W], are those of a robot that turns in no time, infinite where its centre cannot be, and 0 at the goal.
+    `fits`, bool[headings, H, W], tells whether the robot's body has room in each cell and heading, if its centre has; heading k
+    is 2 pi k / headings, rad. `size` and `radius` are the edge of a cell and the turning radius, m; v_reverse may be 0. If more
+    than `sweeps` iterations over all poses would be needed, the times of some poses are too short. The result,
+    float64[headings, H, W], is at most 60 s more than `times`. Poses without a path to the goal have that value; a car without
+    reverse in front of a wall is an example. It is infinite where the body has no room.
 
-    Returns
-    -------
-    float64[headings, H, W]
-        At most 60 s more than `times`. Poses without a path to the goal have that value; a car without reverse in front of a
-        wall is an example. Infinite where the body has no room.
-
-    Notes
-    -----
     Value iteration from `times`, a lower bound for a car: t(pose) is the minimum over the steps of the step's duration plus t
     at its end, interpolated between cells. An arc turns from one heading to the next, and a straight step is 1.4 cells long.
     Nearer to the goal than that, the heading does not matter.

@@ -160,15 +160,10 @@ def _better(lattice: Lattice, node: int, bound: float, limits: RobotLimits, long
 
 @bare_kernel
 def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProblem) -> float:
-    """Write the best sequence of arcs to `ant`; the rest of `ant` is a stop.
+    """Write the best sequence of arcs to `ant`, float64[S, 2]; the rest of `ant` is a stop.
 
     If the expansions are used up first, it is the best of the longest sequences found. Returns the time to the goal, without
     moving obstacles beyond the end of the sequence, s. It is infinite if the search did not finish or all arcs touch something.
-
-    Parameters
-    ----------
-    ant : float64[S, 2]
-        Speed and turn rate, or vx and vy, commanded in each period.
     """
     node, link, command, heap = lattice.node, lattice.link, lattice.command, lattice.heap
     limits, dt, batch = problem.limits, problem.dt, problem.batch

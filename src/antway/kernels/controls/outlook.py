@@ -79,19 +79,9 @@ def look_ahead(
 ) -> None:
     """Fill `outlook` with the obstacles of motion segments that the robot could come near to.
 
-    Parameters
-    ----------
-    segments : float64[P, 8]
-        Those of one obstacle after those of another (kernels/spacetime/segments.py), each in the order of time.
-    sigma : float64[K, 2]
-        Standard deviations of each obstacle's place (m) and velocity (m/s).
-    now, dt : float
-        s; step k ends at now + (k + 1) dt.
-    start : RobotState
-    bounds : SpeedBounds
-    margins : Margins
-    change : float
-        By how much the velocities of obstacles change when they turn, m/s; 0 if they do not turn.
+    The segments of one obstacle come after those of another, each in the order of time (kernels/spacetime/segments.py).
+    `sigma`, float64[K, 2], are standard deviations of each obstacle's place (m) and velocity (m/s). Step k ends at now + (k +
+    1) dt. `change` is by how much the velocities of obstacles change when they turn, m/s; 0 if they do not turn.
     """
     v_max, stopping_time = bounds.v_max, bounds.stopping_time
     steps, size = len(outlook.plan), outlook.disc.shape[1]
@@ -140,14 +130,8 @@ def spread_plan(
 ) -> None:
     """Write to `plan`, float64[S, 3], where the plan is at the end of each step, and the time that it still takes.
 
-    Parameters
-    ----------
-    knots : float64[N, 3]
-        The plan (t, x, y), at least one row.
-    now, dt : float
-        s; step k ends at now + (k + 1) dt.
-    arrival, trust : float
-        When the plan arrives, and by how much the robot may be able to arrive before that, s.
+    `knots`, float64[N, 3], are those of the plan, (t, x, y), at least one. Step k ends at now + (k + 1) dt. The plan arrives at
+    the time `arrival`, s, and the robot may be able to arrive `trust` s before that.
     """
     i, n = 0, len(knots)
     for k in range(len(plan)):

@@ -42,25 +42,11 @@ def advance(
     """Drive control step i and write row i + 1 of the robot's record.
 
     The robot moves straight at constant speed from `record.t[i]` to (i + 1) dt, or until it meets an obstacle, a wall or the
-    goal. Row i + 1 holds the state at that time.
+    goal. Row i + 1 holds the state at that time; rows and commands up to i are given. `aim` has x, y and tolerance of the goal,
+    m.
 
-    Parameters
-    ----------
-    aim : float64[3]
-        Goal x, y and tolerance, m.
-    record : Record
-        Rows and commands up to i are given.
-    terrain, trajectories
-        The map and the obstacles.
-
-    Returns
-    -------
-    what : int
-        `GOES_ON`, `HIT_MOVING`, `HIT_STANDING`, `HIT_WALL` or `REACHED`.
-    obstacle : int
-        Index of the obstacle that was met, else -1.
-    clearance : float
-        Smallest distance between the edges of robot and obstacles in this step, m; infinite without obstacles.
+    Returns what happened, `GOES_ON` or another of the above; the index of the obstacle that was met, else -1; and the smallest
+    distance between the edges of robot and obstacles in this step, m, infinite without obstacles.
     """
     t, xy, velocity, heading, _, command = record
     radius = trajectories.radius

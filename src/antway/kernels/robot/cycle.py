@@ -125,24 +125,12 @@ def play(
 ) -> tuple[int, int, float]:
     """Drive control cycle i of `dt` s, or until the first contact, and write row i + 1 of the record.
 
-    A holonomic disc points in its direction of motion; a holonomic robot with a footprint keeps its heading.
+    A holonomic disc points in its direction of motion; a holonomic robot with a footprint keeps its heading. Rows and commands
+    up to i are given. A command acts `limits.latency` s after the start of its cycle; before the first command acts, the robot
+    is commanded to stand. `aim` has x, y and tolerance of the goal, m.
 
-    Parameters
-    ----------
-    record : Record
-        Rows and commands up to i are given. A command acts `limits.latency` s after the start of its cycle; before the first
-        command acts, the robot is commanded to stand.
-    aim : float64[3]
-        Goal x, y and tolerance, m.
-    least : float
-        Smallest clearance so far, m.
-
-    Returns
-    -------
-    what, obstacle : int
-        As `advance` in kernels/robot/contact.py.
-    clearance : float
-        Smallest distance between the edges of robot and obstacles in this cycle, or `least` if that is smaller.
+    Returns what happened and the obstacle as `advance` in kernels/robot/contact.py, and the smallest distance between the edges
+    of robot and obstacles in this cycle, or `least` if that is smaller, m.
     """
     wheels, disc = limits.drive != HOLONOMIC, len(body.corners) == 1
     t, (x, y), (vx, vy), theta = record.t[i], record.xy[i], record.velocity[i], record.heading[i]

@@ -14,22 +14,11 @@ from antway.kernels.robot.motion import REST
 def drive(
     vx: float, vy: float, heading: float, cx: float, cy: float, limits: RobotLimits, dt: float
 ) -> tuple[float, float, float]:
-    """Return velocity and heading in the next step: the commanded velocity (cx, cy) as far as the limits allow.
+    """Return velocity and heading after a period of `dt` s: the commanded velocity (cx, cy), m/s, as far as the limits allow.
 
     A holonomic robot changes its velocity vector by at most a_max dt. A differential drive turns towards the command by at most
     turn_rate dt and drives forward with the component of the command along its heading, while its speed changes by at most
-    a_max dt. A command that is not finite means stop.
-
-    Parameters
-    ----------
-    vx, vy, heading : float
-        Present velocity in m/s and heading in rad.
-    cx, cy : float
-        Command, m/s.
-    limits : RobotLimits
-        Of these v_max, a_max (for braking, too), turn_rate and drive count.
-    dt : float
-        Control period, s.
+    a_max dt. A command that is not finite means stop. Of the limits v_max, a_max (for braking, too), turn_rate and drive count.
     """
     v_max, gain = limits.v_max, limits.a_max * dt
     if not (math.isfinite(cx) and math.isfinite(cy)):

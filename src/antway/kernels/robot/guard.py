@@ -97,21 +97,11 @@ def within_reach(
 ) -> int:
     """Write the rows (kernels/robot/reach.py) of the tracks of this scan and of those that were lost recently; return how many.
 
-    Parameters
-    ----------
-    table : float64[M, TABLE_COLUMNS]
-        The recent tracks, in the first `count` rows, are brought up to date; M is at least `count` + K.
-    now, stamp, hold : float
-        Time now, time of the scan, and how long a lost track still counts, s.
-    track_id, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
-        The scan; an unknown velocity is NaN.
-    spread : float64[K]
-        Error of the places, m.
-    bounds : float64[6]
-        See BOUND_SPEED and the others above. bounds[BOUND_KIND] rises slowly to the fastest speed seen. Observations of a track
-        raise its own bounds at once.
-    out : float64[M, 8]
-        Filled with a row for each recent track.
+    The recent tracks, in the first `count` rows of `table`, float64[M, TABLE_COLUMNS], are brought up to date; M is at least
+    `count` + K. It is `now`, and the scan of K tracks is from the time `stamp`; a lost track still counts for `hold` s. A
+    velocity of NaN is unknown, and `spread`, float64[K], is the error of the places, m. `bounds` are described at BOUND_SPEED
+    and the others above; that at BOUND_KIND rises slowly to the fastest speed seen. Observations of a track raise its own
+    bounds at once. `out`, float64[M, 8], is filled with a row for each recent track.
     """
     top, stopping_time = bounds[BOUND_KIND], bounds[STOPPING_TIME]
     for k in range(len(track_id)):

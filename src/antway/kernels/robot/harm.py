@@ -43,18 +43,9 @@ def harm(
 ) -> float:
     """Return the expected number of contacts of a robot that is commanded (tx, ty) for `until` s and then stands.
 
-    Later contacts count less.
-
-    Parameters
-    ----------
-    state : RobotState
-        With the velocity (vx, vy), whatever the drive.
-    tracks : float64[K, 8]
-        Rows of kernels/robot/reach.py. Each track keeps its velocity, and its place becomes less certain with time.
-    enough : float
-        The sum is broken off when it reaches this value.
-    path : float64[S, 5]
-        Scratch memory for the robot's path: the time looked ahead is divided into at most S steps.
+    Later contacts count less. The state has the velocity (vx, vy), whatever the drive. Each of `tracks` (rows of
+    kernels/robot/reach.py) keeps its velocity, and its place becomes less certain with time. The sum is broken off when it
+    reaches `enough`. `path`, float64[S, 5], is scratch memory: the time looked ahead is divided into at most S steps.
     """
     dt = max(dt, _AHEAD / len(path))  # s; a step is longer than a control period where there would be too many of these
     steps = min(round(_AHEAD / dt + 0.5), len(path))

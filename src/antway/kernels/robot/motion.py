@@ -34,11 +34,8 @@ _WEIGHT1, _WEIGHT2 = 0.6521451548625461, 0.3478548451374538
 def ramp(v: float, target: float, growth: float, fall: float) -> tuple[float, float, float, float]:
     """Return the first ramp of `v` to `target`: its magnitude grows by at most `growth` and falls by at most `fall` a second.
 
-    Returns
-    -------
-    v, rate, end, time : float
-        The value now (changed only by an infinite rate), its rate, its value at the end of this ramp (`target`, or 0 if the
-        sign changes), and the length of the ramp; infinite if `v` is at `target`.
+    Returns the value now (changed only by an infinite rate), its rate, its value at the end of this ramp (`target`, or 0 if the
+    sign changes), and the length of the ramp; infinite if `v` is at `target`.
     """
     if v != target and v * (target - v) < 0.0:
         end = target if v * target >= 0.0 else 0.0
@@ -68,14 +65,8 @@ def wheels_segment(
 
     Steering keeps |omega| <= |v| / turning_radius at every instant: where the ramp of omega meets that bound, it follows it.
 
-    Returns
-    -------
-    h : float
-        Its length, s.
-    v0, a, w0, b : float
-        On it v = v0 + a t and omega = w0 + b t.
-    v1, w1 : float
-        At its end, without rounding errors: exactly the value that ended it.
+    Returns its length h in s; v0, a, w0 and b, so that on it v = v0 + a t and omega = w0 + b t; and both at its end, without
+    rounding errors: exactly the value that ended it.
     """
     v0, a, v_end, time = ramp(v, cv, limits.a_max, limits.brake_max)
     if limits.a_max == math.inf and abs(time - left) < _AT_END:
@@ -240,14 +231,10 @@ def drive_roughly(state: RobotState, ca: float, cb: float, limits: RobotLimits, 
 
 @bare_kernel
 def delayed(state: RobotState, pending: NDArray[np.float64], limits: RobotLimits, dt: float) -> RobotState:
-    """Return the state of the robot `latency` s from now, after the commands that do not act yet.
+    """Return the state of the robot `latency` s from now, the start of a cycle of dt s, after the commands that do not act yet.
 
-    Parameters
-    ----------
-    state : RobotState
-        Now, at the start of a cycle of dt s.
-    pending : float64[M, 2]
-        The last M = ceil(latency / dt) commands, oldest first; the oldest acts now, until the next one does.
+    These are the last M = ceil(latency / dt) commands, `pending`, float64[M, 2], oldest first; the oldest acts now, until the
+    next one does.
     """
     count = len(pending)
     left = limits.latency

@@ -28,25 +28,9 @@ def bounce(
 ) -> int:
     """Write the motion of a disc that goes straight, is mirrored at walls and edges, and turns at random now and then.
 
-    Parameters
-    ----------
-    blocked, row, col, radius
-        The map, and the disc's centre at time 0 and its radius, in cells.
-    speed, angle : float
-        Speed in cells/s; initial direction, atan2(d_row, d_col), rad.
-    turn_every : float
-        Time between random changes of direction, s; infinite for none.
-    horizon : float
-        s.
-    state : uint64[1]
-        Of the random generator.
-    knot_t, knot_rc : float64[M], float64[M, 2]
-        Filled with the knots.
-
-    Returns
-    -------
-    int
-        Number of knots; M + 1 if they did not fit.
+    Its centre at time 0, its radius and its speed are in cells and cells/s, and `angle` is its initial direction, atan2(d_row,
+    d_col), rad. Between random changes of direction are `turn_every` s; infinite for none. The knots up to `horizon` s are
+    written to knot_t, float64[M], s, and knot_rc, float64[M, 2]. Returns their number, or M + 1 if they did not fit.
     """
     vr, vc = speed * math.sin(angle), speed * math.cos(angle)
     t, turn, n = 0.0, turn_every, 1
@@ -79,16 +63,10 @@ def bounce(
 
 @kernel
 def first_inside(blocked: NDArray[np.bool_], knot_t: NDArray[np.float64], knot_rc: NDArray[np.float64], radius: float) -> float:
-    """Return when a disc first comes into contact with a blocked cell; infinite if it never does.
+    """Return when a disc of `radius` cells first comes into contact with a blocked cell, s; infinite if it never does.
 
-    Parameters
-    ----------
-    blocked : bool[H, W]
-        Beyond the map nothing is blocked.
-    knot_t, knot_rc : float64[M], float64[M, 2]
-        The disc is at knot_rc[i], (row, col) with integers at cell centres, at knot_t[i] s, and moves straight in between.
-    radius : float
-        In cells.
+    The disc is at knot_rc[i], (row, col) with integers at cell centres, at knot_t[i] s, and moves straight in between. Beyond
+    the map nothing is blocked.
     """
     for i in range(len(knot_t)):
         row, col = knot_rc[i, 0], knot_rc[i, 1]

@@ -45,21 +45,10 @@ def compare_speeds(
 ) -> None:
     """Add the errors of measured speeds, of the velocity between the two places before, and of the speeds that are predicted.
 
-    Each is compared with the velocity between the last two places. Measured speeds have no error if it lies between those
-    before and now.
-
-    Parameters
-    ----------
-    before, now : float64[COLUMNS]
-        Two successive observations.
-    predicted : RobotState
-        Where the robot as it is declared would be now if it was at (0, 0), with the heading 0, before, and had always followed
-        its commands.
-    holonomic : bool
-    memory : float
-        Share in (0, 1] of the earlier errors that is kept.
-    odometry : float64[ODOMETRY]
-        What is known of the errors; zeros at first, and no number for LAST_X.
+    Each is compared with the velocity between the last two places, from the observation `before` to that of `now`. Measured
+    speeds have no error if it lies between those before and now. `predicted` is where the robot as it is declared would be now
+    if it was at (0, 0), with the heading 0, before, and had always followed its commands. `memory` is the share in (0, 1] of
+    the earlier errors that is kept, and `odometry` what is known of the errors: zeros at first, and no number for LAST_X.
     """
     passed, heading = now[T] - before[T], 0.0 if holonomic else middle_heading(before, now)
     c, s = math.cos(heading), math.sin(heading)

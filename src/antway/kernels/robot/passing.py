@@ -115,16 +115,8 @@ def passed_command(
 ) -> tuple[float, float, int]:
     """Return the command that passes the guard, and what the guard did (FREE and the others).
 
-    Parameters
-    ----------
-    state : RobotState
-        Of the robot when the command begins to act.
-    ca, cb : float
-        The command; one that is not finite means stop.
-    tracks : float64[K, 8]
-        All known obstacles (kernels/robot/reach.py).
-    lookahead : float
-        The robot steps aside if an obstacle would touch it at rest within this time, s.
+    `state` is that of the robot when the command begins to act. A command (ca, cb) that is not finite means stop. The robot
+    steps aside if one of `tracks` (kernels/robot/reach.py) would touch it at rest within `lookahead` s.
     """
     wheels = robot.limits.drive != HOLONOMIC
     ca, cb = clipped(ca, cb, robot.limits)

@@ -20,23 +20,9 @@ _STEP = 0.05  # s; an obstacle's uniform motion towards a wall is looked at in s
 def least_gap(ax: float, ay: float, wx: float, wy: float, reach: float, growth: float, t: float) -> float:
     """Return the least of |a + w s| - (reach + growth s) over s in [0, t]; below 0 the robot enters the growing disc.
 
-    Parameters
-    ----------
-    ax, ay : float
-        Place of the robot relative to the centre of the disc, m.
-    wx, wy : float
-        Velocity of the robot relative to that of the disc, m/s.
-    reach : float
-        Radius of the disc at s = 0, m.
-    growth : float
-        How fast the radius grows, m/s, >= 0.
-    t : float
-        Length of the step, s.
-
-    Notes
-    -----
-    The function is convex. With the lateral distance c and k = growth / |w| < 1 it is least at the distance
-    c k / sqrt(1 - k^2) beyond the closest point; with k >= 1 it is least at the end.
+    At s = 0 the robot is at (ax, ay) m from the centre of the disc, relative to which it moves with (wx, wy) m/s; the disc's
+    radius is `reach` m and grows by `growth` >= 0 m/s. The function is convex. With the lateral distance c and k = growth / |w|
+    < 1 it is least at the distance c k / sqrt(1 - k^2) beyond the closest point; with k >= 1 it is least at the end.
     """
     speed = math.hypot(wx, wy)
     s = t
@@ -51,18 +37,10 @@ def least_gap(ax: float, ay: float, wx: float, wy: float, reach: float, growth: 
 def reach_gap_along(row: NDArray[np.float64], px: float, py: float, wx: float, wy: float, start: float, end: float) -> float:
     """Return a lower bound in m of the gap between a moving point and every place that an obstacle can cover meanwhile.
 
-    Parameters
-    ----------
-    row : float64[8]
-        Its last known place x, y (m) and velocity vx, vy (m/s), its radius (m), bounds on its speed (m/s) and on its
-        acceleration vector (m/s^2, infinite if the velocity may jump), and how long ago it was seen (s).
-    px, py, wx, wy : float
-        Place of the point at `start`, m, and its velocity, m/s.
-    start, end : float
-        s from now, -age <= start <= end.
+    `row` has the obstacle's last known place (m) and velocity (m/s), its radius (m), bounds on its speed (m/s) and on its
+    acceleration vector (m/s^2, infinite if the velocity may jump), and how long ago it was seen (s). The point moves from (px,
+    py) with (wx, wy) m/s, from `start` to `end` s from now, -age <= start <= end.
 
-    Notes
-    -----
     At a time t' after it was seen, an obstacle is in two discs, so that the gap of a point p is at least max(|p - x| - r -
     speed t', |p - (x + v t')| - r - accel t'^2 / 2). The result is the larger of the minima of both terms. The first term is
     convex, and so is the second once the parabola accel t'^2 / 2 is replaced by its chord, which is above it by at most accel

@@ -121,37 +121,16 @@ def learn(
 ) -> tuple[float, float, float, float]:
     """Add the errors with which each candidate predicts the present speeds from those before.
 
-    While the first candidate has been right, only its own errors are added.
+    While the first candidate has been right, only its own errors are added. The candidates replace the limits' latency by one
+    of `latencies`, float64[L], s, and a_max, brake_max (m/s^2) and alpha_max (rad/s^2) by one of each column of `ramps`,
+    float64[R, 3]. `used`, int64[4], is the candidate in use: the index of its latency, and of each of its limits in `ramps`.
+    `memory` is the share in (0, 1] of the earlier errors that is kept. `error`, float64[3, L, R], are sums of squared errors of
+    the speed, as shares of the top speed, while it grows or stays (GROWS) and while it falls (SLOWS), and of the turn rate as
+    shares of its limit (TURNS), 0 for a holonomic robot. `place` is what is known of the errors of the robot's place, zeros at
+    first, and `odometry` as in `compare_speeds`.
 
-    Parameters
-    ----------
-    period : Period
-    limits : RobotLimits
-        Of the robot; each candidate replaces its latency, a_max, brake_max and alpha_max.
-    latencies : float64[L]
-        Candidates for the latency, s.
-    ramps : float64[R, 3]
-        Candidates for a_max, brake_max (m/s^2) and alpha_max (rad/s^2).
-    memory : float
-        Share in (0, 1] of the earlier errors that is kept.
-    used : int64[4]
-        The candidate in use: index of the latency, and of each of the three limits in `ramps`.
-    error : float64[3, L, R]
-        Sums of squared errors of the speed, as shares of the top speed, while it grows or stays (GROWS) and while it falls
-        (SLOWS), and of the turn rate as shares of its limit (TURNS), 0 for a holonomic robot.
-    place : float64[PLACE]
-        What is known of the errors of the robot's place; zeros at first.
-    odometry : float64[ODOMETRY]
-        As in `compare_speeds`.
-
-    Returns
-    -------
-    first : float
-        Sum of the squared errors of the first candidate.
-    misplaced : float
-        Standard deviation of the errors of the robot's place in x and in y, m.
-    speed, turn : float
-        Root mean squares of the errors of the candidate in use, as shares like `error`.
+    Returns the sum of the squared errors of the first candidate; the standard deviation of the errors of the robot's place in x
+    and in y, m; and the root mean squares of the errors of speed and turn rate of the candidate in use, as shares like `error`.
     """
     before, now, holonomic = period.before, period.now, limits.drive == HOLONOMIC
     state = RobotState(0.0, 0.0, 0.0, before[A], before[B])

@@ -32,17 +32,9 @@ def scan(
 ) -> int:
     """Find the discs seen from (x, y): their edge is within `sensor_range` m and, with `occlusion`, no wall hides them.
 
-    A disc is hidden if walls block the line of sight to its nearest point and to both its sides.
-
-    Parameters
-    ----------
-    seen, state : int64[K], float64[K, 4]
-        Filled with the index and (x, y, vx, vy) of each disc that is seen, in the order of the indices.
-
-    Returns
-    -------
-    int
-        Number of discs seen.
+    A disc is hidden if walls block the line of sight to its nearest point and to both its sides. `seen`, int64[K], and `state`,
+    float64[K, 4], are filled with the index and (x, y, vx, vy) of each disc that is seen, in the order of the indices. Returns
+    how many are.
     """
     radius = trajectories.radius
     n = 0
@@ -95,27 +87,14 @@ def degrade(
     tracker: NDArray[np.float64],
     covariance: NDArray[np.float64],
 ) -> int:
-    """Apply losses, noise and tracking to the discs that `scan` saw.
+    """Apply losses, noise and tracking to the n discs that `scan` saw, in place; return how many are left.
 
     Each disc is lost with probability `dropout`. Its place gets normal noise of `noise` m, its velocity of `velocity_noise`
     m/s. With `agility` > 0 the velocity is not measured but estimated from the places by a Kalman filter for constant velocity
     with white acceleration of that standard deviation (m/s^2). Each disc has its own filter, which restarts once the disc was
-    not seen for 1 s. The noise of a disc in scan `tick` depends only on seed, tick and disc.
-
-    Parameters
-    ----------
-    n, seen, state
-        From `scan`; changed in place.
-    tracker : float64[K, 8]
-        For each disc: x, y, vx, vy, the variance of the place, the covariance and the variance of the velocity (the same in x
-        and y), time. It is kept from scan to scan; time is NaN before the first.
-    covariance : float64[K, 4, 4]
-        Filled with the covariance of (x, y, vx, vy).
-
-    Returns
-    -------
-    int
-        Number of discs left.
+    not seen for 1 s. The noise of a disc in scan `tick` depends only on seed, tick and disc. The filters are the rows of
+    `tracker`, float64[K, 8], kept from scan to scan, with the same variances in x and y; their time is NaN before the first.
+    `covariance`, float64[K, 4, 4], is filled with that of (x, y, vx, vy).
     """
     dropout, noise, velocity_noise, agility = errors
     kept = 0

@@ -124,21 +124,10 @@ def axis_gap(
 ) -> tuple[float, float, float]:
     """Return the gap of the body from the half plane n.p <= level, its rate, and for how long it surely stays above 0.
 
-    A body that overlaps the half plane already, because its place was not known well, stays above the present gap.
-
-    Parameters
-    ----------
-    m, at : Segment, Pose
-        The motion, and its `pose` now.
-    nx, ny, level : float
-        Unit axis from the obstacle to the body; how far the obstacle and the body's rounding extend along it, m.
-    rate, growth : float
-        How fast `level` rises, m/s, and that rate, m/s^2.
-
-    Returns
-    -------
-    gap, opening, time : float
-        m, m/s, s; gap and rate of the nearest corner, and the shortest time over all corners.
+    n is the unit axis from the obstacle to the body, and `level` how far the obstacle and the body's rounding extend along it,
+    m; it rises with `rate` m/s, which grows by `growth` m/s^2. `at` is the motion's `pose` now. Gap (m) and rate (m/s) are
+    those of the nearest corner, and the time (s) is the shortest over all corners. A body that overlaps the half plane already,
+    because its place was not known well, stays above the present gap.
     """
     x, y, theta, vx, vy, w = at
     c, s = math.cos(theta), math.sin(theta)

@@ -51,21 +51,12 @@ def averaged(
     restart: bool,
     out: NDArray[np.float64],
 ) -> None:
-    """Copy `estimates` to `out` with the velocities that predict best.
+    """Copy `estimates`, float64[K, 8] (kernels/tracking/predict.py), to `out` with the velocities that predict best at `t` s.
 
-    Parameters
-    ----------
-    table : Table
-        The tracks known so far, [M, COLUMNS].
-    pool : float64[POOL]
-        As in `count_comparison`; zeros at first.
-    estimates, out : float64[K, 8]
-        As in kernels/tracking/predict.py, at time `t` s.
-    changes : float64[K, 4]
-        Of `velocity_changes`.
-    restart : bool
-        Whether averages begin anew where somebody stops, sets out or turns. A robot with inertia needs to know that at once,
-        though places a second and more ahead are predicted a little worse by it.
+    `table` has the tracks known so far, [M, COLUMNS]; `pool`, float64[POOL], is that of `count_comparison`, zeros at first; and
+    `changes`, float64[K, 4], are those of `velocity_changes`. If `restart`, averages begin anew where somebody stops, sets out
+    or turns. A robot with inertia needs to know that at once, though places a second and more ahead are predicted a little
+    worse by it.
     """
     rows = table.rows
     drop_lost(table, t)

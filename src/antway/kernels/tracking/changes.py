@@ -49,17 +49,9 @@ def velocity_changes(
 ) -> None:
     """Write how the velocity of each track has changed, and count the turns.
 
-    Parameters
-    ----------
-    table : Table
-        The tracks known so far, [M, COLUMNS].
-    turns : float64[3]
-        What the scan shows is added; at first it is FIRST_SECONDS without a turn.
-    estimates : float64[K, 8]
-        As in kernels/tracking/predict.py, at time `t` s.
-    terrain : Terrain
-    out : float64[K, 4]
-        Filled; see BEFORE_VX and the others above.
+    `out`, float64[K, 4], is filled; see BEFORE_VX and the others above. `table` has the tracks known so far, [M, COLUMNS]. What
+    the scan shows is added to `turns`, float64[3]; at first it is FIRST_SECONDS without a turn. The estimates are those of
+    kernels/tracking/predict.py at time `t` s.
     """
     drop_lost(table, t)
     for k in range(len(estimates)):

@@ -155,19 +155,11 @@ def foresee(
 ) -> None:
     """Update the rows with one scan, and predict.
 
-    There is one row for each estimate, in the same order; a crowd of more than _MOST has none.
-
-    Parameters
-    ----------
-    table : Table
-        The people known so far, [M, COLUMNS] with ids in ID; M >= K.
-    estimates : float64[K, 8]
-        As in kernels/tracking/predict.py, at time `t` s. A track with a negative id has no past.
-    preferred_speed : float
-        Speed at which a person walks if nothing is near, m/s.
-    prediction : float64[N, STEPS, 2]
-        N >= K. Filled with each person's velocity in steps of STEP_TIME s from `t` on, m/s. NaN in the first step means that
-        the track is not predicted here.
+    `table` has the people known so far, [M, COLUMNS] with ids in ID: one row for each of the `estimates`, float64[K, 8]
+    (kernels/tracking/predict.py), in the same order, and none for a crowd of more than _MOST. A track with a negative id has no
+    past. People walk at `preferred_speed` m/s if nothing is near. `prediction`, float64[N, STEPS, 2], is filled with each
+    person's velocity in steps of STEP_TIME s from `t` on, m/s. NaN in the first step means that the track is not predicted
+    here.
     """
     rows, n = table.rows, len(estimates)
     prediction[:n, 0, 0] = math.nan

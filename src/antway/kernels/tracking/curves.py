@@ -52,17 +52,10 @@ class Turning(NamedTuple):
 def turn_rates(
     turning: Turning, estimates: NDArray[np.float64], straight: NDArray[np.float64], changes: NDArray[np.float64], t: float
 ) -> None:
-    """Write to `turning.rate` with which turn rate each track is predicted.
+    """Write to `turning.rate` with which turn rate each track is predicted at time `t` s.
 
-    Parameters
-    ----------
-    turning : Turning
-    estimates : float64[K, 8]
-        As in kernels/tracking/predict.py, at time `t` s.
-    straight : float64[K, 8]
-        The same with the velocities of the straight lines; a track that turns gets its last velocity.
-    changes : float64[K, 4]
-        Of `velocity_changes`.
+    The estimates are those of kernels/tracking/predict.py, and `straight` the same with the velocities of the straight lines; a
+    track that turns gets its last velocity there. `changes`, float64[K, 4], are those of `velocity_changes`.
     """
     table, pool, rate = turning
     drop_lost(table, t)
@@ -138,16 +131,9 @@ def mean_velocity(vx: float, vy: float, rate: float, start: float, end: float) -
 
 @kernel
 def predict_turns(estimates: NDArray[np.float64], rate: NDArray[np.float64], prediction: NDArray[np.float64]) -> None:
-    """Write the velocities of tracks that turn to `prediction`, unless it has others of them.
+    """Write the velocities of tracks that turn, with the `rate` of `turn_rates`, to `prediction`, unless it has others of them.
 
-    Parameters
-    ----------
-    estimates : float64[K, 8]
-        As in kernels/tracking/predict.py.
-    rate : float64[M]
-        Of `turn_rates`, M >= K.
-    prediction : float64[N, STEPS, 2]
-        As `predict` takes it, N >= K.
+    The estimates and `prediction`, float64[N, STEPS, 2], are as `predict` takes them.
     """
     last, written = round(_TURNS_FOR / STEP_TIME), 0
     for k in range(len(estimates)):

@@ -50,21 +50,12 @@ def update(
 
     Returns the number of estimates written, the speed of the fastest one, m/s, and whether the scan has all velocities.
 
-    Parameters
-    ----------
-    rows, used : float64[M, COLUMNS], int64[1]
-        Of the track table, whose ids are in ID; Python hands on two arrays faster than the record.
-    t : float
-        Time of the scan, s.
-    track_id, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
-        The scan; every track has an id >= 0. A velocity of NaN is estimated.
-    variance : float64[K, 2]
-        Variances of the places (m^2) and of the velocities (m^2/s^2); 0 means exact. A negative variance of the place means
-        that the scan is the output of a filter with the absolute values as variances; it then replaces the estimate.
-    agility : float
-        Standard deviation of the obstacles' acceleration, m/s^2.
-    estimates : float64[N, 8]
-        Filled with the tracks that were seen within the last second, predicted to time `t`. Who only sways has no velocity.
+    The table is given by `rows`, float64[M, COLUMNS], and `used`, int64[1]; Python hands on two arrays faster than the record.
+    In the scan of the time `t`, s, every track has an id >= 0, and a velocity of NaN is estimated. `variance`, float64[K, 2],
+    are the variances of the places (m^2) and of the velocities (m^2/s^2); 0 means exact. A negative variance of the place means
+    that the scan is the output of a filter with the absolute values as variances; it then replaces the estimate. `agility` is
+    the standard deviation of the obstacles' acceleration, m/s^2. `estimates`, float64[N, 8], are filled with the tracks that
+    were seen within the last second, predicted to time `t`. Who only sways has no velocity.
     """
     table, measured, fastest = Table(rows, used, ID), True, 0.0
     for k in range(len(track_id)):
@@ -137,17 +128,9 @@ def forget_ghosts(
 ) -> None:
     """Forget the tracks that the sensor saw in one scan alone, though nothing hides them now: probably nobody was there.
 
-    Such false alarms are common, and would be remembered for a second, like those whom something hides.
-
-    Parameters
-    ----------
-    rows, used
-        Of the track table, before `update`, which drops what is forgotten.
-    terrain : Terrain
-    t, track_id : float, int64[K]
-        The scan, as in `update`.
-    x, y, sensor_range : float
-        Place of the robot, and how far its sensor sees, m.
+    Such false alarms are common, and would be remembered for a second, like those whom something hides. `rows` and `used` are
+    of the track table, before `update`, which drops what is forgotten. The robot is at (x, y), and its sensor sees
+    `sensor_range` m.
     """
     for i in range(used[0]):
         row = rows[i]
@@ -190,13 +173,8 @@ def raise_variances(
     """Raise the variances of all estimates after measurements have turned out to be worse than they were taken for.
 
     An estimate from measurements that counted as exact would stay as it is: no later measurement would have any weight.
-
-    Parameters
-    ----------
-    rows, used
-        Of the track table.
-    before, now : float64[2]
-        The variances of measured places (m^2) and velocities (m^2/s^2): those with which the estimates were made, and others.
+    `before` and `now`, float64[2], are the variances of measured places (m^2) and velocities (m^2/s^2): those with which the
+    estimates were made, and others.
     """
     for column, kind in ((P11, 0), (P22, 1)):
         if now[kind] > before[kind]:
@@ -219,15 +197,7 @@ def bounce(
     """Mirror the tracks that a scan shows to have bounced off a wall, so that they move on to where they are after it.
 
     Where places are noisy, the filter would take a second to find their new velocity. A track has bounced if it would be at a
-    wall by now, and the scan is more likely if it has.
-
-    Parameters
-    ----------
-    rows, used
-        Of the track table.
-    terrain : Terrain
-    t, track_id, xy, velocity, variance
-        The scan, as in `update`.
+    wall by now, and the scan is more likely if it has. The parameters are those of `update`.
     """
     for k in range(len(track_id)):
         if variance[k, 0] <= EXACT:

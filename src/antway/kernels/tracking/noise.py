@@ -48,19 +48,11 @@ def measured_noise(
 ) -> tuple[float, float]:
     """Return the variances of measured places, m^2, and velocities, m^2/s^2, along one axis after one more scan.
 
-    That of places is 0 while it is below (0.1 mm)^2, and that of velocities while that of places is below (1 cm)^2.
+    That of places is 0 while it is below (0.1 mm)^2, and that of velocities while that of places is below (1 cm)^2. The table
+    with the last measurement of each track is given by `rows`, float64[M, COLUMNS], and `used`, int64[1]; Python hands on two
+    arrays faster than the record. `state`, float64[STATE], is described at PLACE and the others above; zeros at first. The scan
+    is as in kernels/tracking/kalman.py; tracks without an id are ignored.
 
-    Parameters
-    ----------
-    rows, used : float64[M, COLUMNS], int64[1]
-        Of the table with the last measurement of each track; Python hands on two arrays faster than the record.
-    state : float64[STATE]
-        See PLACE and the others above; zeros at first.
-    t, track_id, xy, velocity
-        The scan, as in kernels/tracking/kalman.py; tracks without an id are ignored.
-
-    Notes
-    -----
     The innovation is the difference of two measured places less the motion between them. With noise of variance R along each
     axis, its squared length has the mean 4 R and the median 4 R ln 2. Where velocities are not measured, but taken from the two
     places before, its mean is 2 R (1 + (1 + r)^2 + r^2), where r is the ratio of the two times between; it is scaled to 4 R.

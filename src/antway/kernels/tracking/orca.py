@@ -22,18 +22,9 @@ def half_plane(
 ) -> tuple[float, float, float, float]:
     """Return the line (x, y, dx, dy) of the velocities that do half of avoiding one other; x and y are relative to the own one.
 
-    Parameters
-    ----------
-    ax, ay : float
-        Place of the other relative to the own place, m.
-    ux, uy : float
-        Own velocity minus that of the other, m/s.
-    contact_radius : float
-        Sum of the radii, m.
-    horizon : float
-        There is to be no contact for this time, s.
-    step : float
-        A contact that exists already is to end within this time, s.
+    The other is at (ax, ay) m from the own place, the own velocity minus that of the other is (ux, uy) m/s, and
+    `contact_radius` is the sum of the radii, m. There is to be no contact for `horizon` s, and a contact that exists already is
+    to end within `step` s.
     """
     squared = ax * ax + ay * ay
     in_contact = squared <= contact_radius * contact_radius

@@ -123,29 +123,12 @@ def predict(
 ) -> int:
     """Turn track estimates into motion segments (kernels/spacetime/segments.py) for a robot at (robot_x, robot_y).
 
-    Parameters
-    ----------
-    estimates : float64[K, 8]
-        x, y (m), vx, vy (m/s), radius (m), standard deviations of place (m) and of velocity (m/s), and the track's id.
-    now, age, horizon : float
-        Time now, age of the estimates, and how far ahead to predict, s.
-    robot_x, robot_y : float
-        Place of the robot, m.
-    margins : TubeMargins
-        Segments begin `time_shift` s before the estimates.
-    terrain : Terrain
-    prediction : float64[N, S, 2]
-        Velocities of the first N tracks in steps of STEP_TIME s, m/s. NaN marks a track that keeps its velocity; all tracks
-        from N on keep theirs.
-    out : float64[P, 8]
+    Each row of `estimates`, float64[K, 8], has x, y (m), vx, vy (m/s), radius (m), standard deviations of place (m) and of
+    velocity (m/s), and the track's id; they are `age` s old. It is predicted `horizon` s ahead. Segments begin `time_shift` s
+    before the estimates. `prediction`, float64[N, S, 2], are velocities of the first N tracks in steps of STEP_TIME s, m/s. NaN
+    marks a track that keeps its velocity; all tracks from N on keep theirs. Returns the number of segments written to `out`,
+    float64[P, 8].
 
-    Returns
-    -------
-    int
-        Number of segments written.
-
-    Notes
-    -----
     If the robot is already within the margins of a track, the margins are reduced to the present distance. The robot may then
     stand there. The radii of the bodies are never reduced. The clearance radius is reduced likewise for the first
     `stopping_time` s. The robot may then leave at once if it comes no nearer before it is clear, as the guard requires. From

@@ -38,13 +38,8 @@ _FIRST = 10.0  # the share assumed at first counts like this many comparisons
 def count_comparison(row: NDArray[np.float64], pool: NDArray[np.float64]) -> None:
     """Count one more comparison of the predictions of M models; `add_error` then adds the error of each model.
 
-    Parameters
-    ----------
-    row : float64[N]
-        Of one track; its last M + 1 entries are the weighted sum of the errors of each model, m/s, and the weighted number of
-        comparisons.
-    pool : float64[M + 1]
-        Of all tracks: the mean error of each model, m/s, and the number of comparisons.
+    The last M + 1 entries of a track's `row` are the weighted sum of the errors of each model, m/s, and the weighted number of
+    comparisons. Those of `pool`, float64[M + 1], are of all tracks: the mean errors, m/s, and the number of comparisons.
     """
     row[-1] = _KEPT * row[-1] + 1.0
     pool[-1] += 1.0
@@ -72,10 +67,7 @@ def velocity_error(row: NDArray[np.float64], pool: NDArray[np.float64], model: i
 def distrust(pool: NDArray[np.float64], missed: NDArray[np.int64]) -> float:
     """Return how little to rely on predictions: 1 if one in twenty misses or more, as is assumed at first, 0 if none ever does.
 
-    Parameters
-    ----------
-    pool, missed : float64[2], int64[1]
-        As in `compare_predictions`.
+    `pool` and `missed` are those of `compare_predictions`.
     """
     compared = pool[-1] - POOL[-1]
     return float(min((_FIRST * _OFTEN + missed[0]) / (_FIRST + compared) / _OFTEN, 1.0))
@@ -90,20 +82,11 @@ def compare_predictions(
     t: float,
     out: NDArray[np.float64],
 ) -> None:
-    """Write the standard deviation of each track's predicted velocity along one axis, m/s.
+    """Write the standard deviation of each track's predicted velocity along one axis, m/s, to `out`, float64[K].
 
-    Parameters
-    ----------
-    table : Table
-        The tracks known so far, [M, COLUMNS].
-    pool : float64[2]
-        As in `count_comparison`, with one model; at first it is POOL.
-    missed : int64[1]
-        Number of predictions of all tracks that missed; at first it is 0.
-    estimates : float64[K, 8]
-        As in kernels/tracking/predict.py, at time `t` s.
-    out : float64[K]
-        Filled.
+    `table` has the tracks known so far, [M, COLUMNS]. `pool`, float64[2], is as in `count_comparison`, with one model; at first
+    it is POOL. `missed`, int64[1], is the number of predictions of all tracks that missed; at first it is 0. The estimates are
+    those of kernels/tracking/predict.py at time `t` s.
     """
     drop_lost(table, t)
     for k in range(len(estimates)):
@@ -133,12 +116,8 @@ def compare_predictions(
 def store_predictions(table: Table, estimates: NDArray[np.float64], t: float, segments: NDArray[np.float64]) -> None:
     """Store the place predicted for `LATER` s after `t` of each track that has no stored prediction.
 
-    Parameters
-    ----------
-    table, estimates, t
-        As in `compare_predictions`; SIGMA_V is the standard deviation that the filter gives.
-    segments : float64[P, 8]
-        The motion segments that `predict` wrote for these estimates, track after track.
+    Other than in `compare_predictions`, SIGMA_V of the estimates is the standard deviation that the filter gives. `segments`
+    are those that `predict` wrote for these estimates, track after track.
     """
     first = 0
     for k in range(len(estimates)):

@@ -36,18 +36,11 @@ def wrong(
 ) -> bool:
     """Tell, after one more scan, whether reported velocities predict places worse than the two places before do.
 
-    They are wrong if their mean error is more than a few times that of the velocity between the two places before.
-
-    Parameters
-    ----------
-    rows, used : float64[M, COLUMNS], int64[1]
-        Of the table with the last measurement of each track; Python hands on two arrays faster than the record.
-    state : float64[3]
-        Number of comparisons, and the sums of both errors, m/s; zeros at first.
-    t, track_id, xy, velocity
-        The scan, as in kernels/tracking/kalman.py; a velocity of NaN is not reported.
-    span : (float, float, float)
-        Of SPANS. The table and the state are of this span alone.
+    They are wrong if their mean error is more than a few times that of the velocity between the two places before. The table
+    with the last measurement of each track is given by `rows`, float64[M, COLUMNS], and `used`, int64[1]; Python hands on two
+    arrays faster than the record. `state`, float64[3], is the number of comparisons, and the sums of both errors, m/s; zeros at
+    first. The scan is as in kernels/tracking/kalman.py; a velocity of NaN is not reported. Table and state are of this one
+    `span` of SPANS.
     """
     least, enough, times = span
     for k in range(len(track_id)):

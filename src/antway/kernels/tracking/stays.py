@@ -42,14 +42,8 @@ def _diagonal(row: NDArray[np.float64]) -> float:
 def update_stays(table: Table, estimates: NDArray[np.float64], seen: NDArray[np.float64], t: float) -> None:
     """Update the stays with the tracks that are seen at time `t` s.
 
-    Parameters
-    ----------
-    table : Table
-        The stays known so far, [M, COLUMNS]. In a full table further tracks are left out.
-    estimates : float64[K, 8]
-        As in kernels/tracking/predict.py. Tracks without an id are left out.
-    seen : float64[K]
-        When each of them was last seen, s.
+    `table` has the stays known so far, [M, COLUMNS]; when it is full, further tracks are left out. So are estimates
+    (kernels/tracking/predict.py) without an id. `seen`, float64[K], is when each of them was last seen, s.
     """
     rows, kept = table.rows, 0
     for i in range(table.used[0]):

@@ -48,25 +48,11 @@ def first_conflict(
     growth: float,
     trajectories: Trajectories,
 ) -> tuple[float, int]:
-    """Return the first time up to `until` at which a body on a timed path meets a tube.
+    """Return the first time up to `until` s at which a body on a timed path meets a tube, and which; infinity and -1 if none.
 
-    Parameters
-    ----------
-    t, xy : float64[N], float64[N, 2]
-        The path; the body stands at its end.
-    until : float
-        Time at which the test ends, s.
-    body : float
-        Radius of the body with its margin, m.
-    growth : float
-        How fast the tubes widen after t[0], m/s. Each keeps one width for a leg of the path, that at the beginning of the leg.
-    trajectories : Trajectories
-        The predicted discs.
-
-    Returns
-    -------
-    when, obstacle : float, int
-        The time in s and the index of the tube; infinity and -1 if there is no conflict.
+    The body, whose radius with its margin is `body` m, is at `xy[i]` m at `t[i]` s, and stands at the path's end. The tubes of
+    the predicted discs widen by `growth` m/s after t[0]; each keeps one width for a leg of the path, that at the beginning of
+    the leg.
     """
     when, obstacle = math.inf, -1
     n = len(t)
@@ -98,16 +84,9 @@ def stand_free(
     trajectories: Trajectories,
     free: NDArray[np.bool_],
 ) -> None:
-    """Mark the places xy[i] at which a body can stand from t[i] to `until` without meeting a tube.
+    """Mark in `free`, bool[N], at which places xy[i] a body can stand from t[i] to `until` without meeting a tube.
 
-    Parameters
-    ----------
-    t, xy, free : float64[N], float64[N, 2], bool[N]
-        `free` is filled.
-    now, until : float
-        Times in s; tubes widen from `now` on.
-    body, growth, trajectories
-        As in `first_conflict`.
+    Tubes widen from the time `now` on; the other parameters are those of `first_conflict`.
     """
     for i in range(len(t)):
         x, y, wider = xy[i, 0], xy[i, 1], growth * (t[i] - now)
@@ -132,13 +111,9 @@ def close_cells(
 ) -> None:
     """Mark the cells at whose centre a body from (x, y) would meet a tube on arrival.
 
-    A body reaches a cell at distance d between `early` d / v_max and `late` d / v_max + 0.5 s from `now`. With `early` = 0
-    and a large `late`, the whole tube up to `horizon` s from now is closed.
-
-    Parameters
-    ----------
-    corner, closed : (row, col), bool[h, w]
-        `closed` is filled; closed[0, 0] is the cell `corner` of the map.
+    A body reaches a cell at distance d between `early` d / v_max and `late` d / v_max + 0.5 s from `now`. With `early` = 0 and
+    a large `late`, the whole tube up to `horizon` s from now is closed. `closed`, bool[h, w], is filled; closed[0, 0] is the
+    cell `corner`, (row, col), of the map.
     """
     size = terrain.resolution
     for i in range(closed.shape[0]):
