@@ -326,15 +326,9 @@ def towards(velocity: tuple[float, float], heading: float, robot: RobotSpec) -> 
 def body_gap(
     robot: RobotSpec, xy: NDArray[np.float64], heading: NDArray[np.float64], points: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the distance of points from the edge of a robot's body, m; below 0 inside.
+    """Return the distance of points, float64[..., 2], from the edge of a robot's body, m; below 0 inside.
 
-    Parameters
-    ----------
-    robot : RobotSpec
-    xy, heading : float64[..., 2], float64[...]
-        Place (m) and heading (rad) of the robot for each point.
-    points : float64[..., 2]
-        m.
+    `xy`, float64[..., 2], and `heading`, float64[...], are the robot's place (m) and heading (rad) for each point.
     """
     away = points - xy
     if robot.footprint is None:

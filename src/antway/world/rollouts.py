@@ -61,10 +61,7 @@ def acting(o: Observation, robot: RobotSpec) -> tuple[float, Observation, RobotS
 def static_field(task: Task, time_to_goal: NDArray[np.float64]) -> StaticField:
     """Return the map of a task as fields for the centre of its robot.
 
-    Parameters
-    ----------
-    time_to_goal : float64[H, W]
-        Time to the goal at full speed, s; infinite where the robot cannot be.
+    `time_to_goal`, float64[H, W], are the times to the goal at full speed, s; infinite where the robot cannot be.
     """
     grid, size, (x, y, _) = task.grid, task.grid.resolution, task.grid.origin
     factor = max(min(math.ceil(size / _NODE - 1e-9), math.isqrt(_NODES // grid.blocked.size)), 1)

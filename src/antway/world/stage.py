@@ -28,19 +28,7 @@ from antway.world.trace import Outcome, Trace
 class Stage:
     """Robot, obstacles and record of one episode, driven one control cycle at a time by commands from outside.
 
-    Attributes
-    ----------
-    task : Task
-    timeline : Timeline
-        The trajectories of the obstacles, as far as they are known: those that depend on the robot grow with the episode.
-    steps : int
-        Number of control cycles up to the horizon.
-    n : int
-        Number of control cycles played.
-    t, xy, velocity, heading, turn_rate, command, sensed, cycle_ms
-        The record: arrays as in `Trace` with `steps` control cycles, of which `n` are filled.
-    clearance : float
-        The smallest distance so far between the edges of the robot and an obstacle, m.
+    The arrays of the record are as in `Trace` with `steps` control cycles, of which `n` have been played and are filled.
     """
 
     def __init__(self, scenario: Scenario, seed: int, horizon: float) -> None:
@@ -49,7 +37,8 @@ class Stage:
         spec = task.robot
         self.steps = checks.integer("horizon / dt", math.ceil(horizon / spec.dt - 1e-9), low=1, high=MAX_STEPS)
         self.pursuit = Pursuit(scenario.world, task, seed, horizon, self.steps)
-        self.timeline, self.entries = self.pursuit.timeline, Entries(scenario.world, task)
+        self.timeline = self.pursuit.timeline  # as far as it is known: what depends on the robot grows with the episode
+        self.entries = Entries(scenario.world, task)
         self.scanner = Scanner(scenario.sensor, task, self.timeline, seed)
         self.aim = np.array([*task.goal, task.goal_tolerance])
         rows = self.steps + 1
@@ -58,7 +47,7 @@ class Stage:
         self.command, self.cycle_ms = np.full((self.steps, 2), math.nan), np.zeros(self.steps)
         self.xy[0] = task.start
         self.heading[0] = math.atan2(task.goal[1] - task.start[1], task.goal[0] - task.start[0])
-        self.n, self.clearance = 0, math.inf
+        self.n, self.clearance = 0, math.inf  # m; the smallest distance so far between the edges of robot and obstacles
         self._check_start()
         self.pursuit.extend(0, task.start)
         self.limits, self.stepwise = spec.limits, spec.stepwise

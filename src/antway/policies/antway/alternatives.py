@@ -108,21 +108,9 @@ def manner(encounter: str, velocity: XY, path: TimedPath, segments: NDArray[np.f
 class Weighed(Sequence[tuple[str, float]]):
     """The robot's action and its alternatives, each with its cost in s; computed when first used.
 
-    The cost is the additional time compared with the path without moving obstacles.
-
-    Parameters
-    ----------
-    snapshot : Snapshot
-    k : int
-        Row of the track that the robot avoids.
-    encounter : str
-        Kind of the encounter with this track.
-    velocity : (vx, vy)
-        Velocity at which the robot would meet the track, m/s.
-    done : (name, cost in s)
-        The robot's action.
-    how : str
-        Side on which this action passes the track.
+    The cost is the additional time compared with the path without moving obstacles. The robot avoids the track of row k; it
+    would meet it at `velocity`, m/s, in an `encounter` of this kind. `done` is its action with the cost of that, and `how` the
+    side on which this action passes the track.
     """
 
     def __init__(self, snapshot: Snapshot, k: int, encounter: str, velocity: XY, done: tuple[str, float], how: str) -> None:

@@ -15,25 +15,12 @@ _PACE = 5e5  # nodes/s; a result is used after the time that its map takes at th
 
 
 class Beside(Generic[R]):
-    """The result of some work, which is used from a time on that depends on the size of the map alone.
+    """The result of some work, which is used from a time on that depends on the size of the map alone: `due`, s.
 
     So an episode is the same on a slow and on a fast machine. Only where a simulation is faster than real time does it wait.
 
-    Parameters
-    ----------
-    nodes : int
-        Size of the map; for a car, times the number of headings.
-    now : float
-        The present time, s.
-    work : callable
-        It changes nothing that others use; kernels release Python's global lock.
-    at_once : int or None
-        On a map of so many nodes, or fewer, the work is done within the cycle; None means 65,536.
-
-    Attributes
-    ----------
-    due : float
-        Time from which on the result is used, s; `now` for a small map.
+    `nodes` is the size of the map; for a car, times the number of headings. Up to `at_once` nodes (None: 65,536) the work is
+    done within the cycle, and `due` is `now`, s. It changes nothing that others use; kernels release Python's global lock.
     """
 
     def __init__(self, nodes: int, now: float, work: Callable[[], R], at_once: int | None = None) -> None:

@@ -142,16 +142,8 @@ class ControlColony:
     ) -> NDArray[np.float64]:
         """Return the standard deviations of the tracks' places (m) and velocities (m/s), float64[K, 2].
 
-        Parameters
-        ----------
-        estimates : float64[K, 8]
-            Of kernels/tracking/predict.py.
-        velocity_error : float64[K]
-            Standard deviations of predicted velocities, m/s, of kernels/tracking/prediction_error.py.
-        distrust : float
-            0 to 1, of the same kernels; how much of `ControlOptions.unsure` applies.
-        turns : (float, float)
-            As in `act`.
+        The estimates are those of kernels/tracking/predict.py, with the errors of predicted velocities and the distrust, 0 to
+        1, of kernels/tracking/prediction_error.py; of `ControlOptions.unsure` that share applies. `turns` are those of `act`.
         """
         rate, change = turns
         turned = math.sqrt(0.5 * rate * self.options.turned) * change  # along one axis
@@ -173,22 +165,10 @@ class ControlColony:
     ) -> Command:
         """Return the command that begins to act at `start` s, when the robot is in `state`.
 
-        Parameters
-        ----------
-        observation : Observation
-            Its heading turns a twist into a velocity.
-        start : float
-        state : x, y, heading, and (v, omega) or (vx, vy)
-        segments : float64[P, 8]
-            Predicted motion, one track after another.
-        sigma : float64[K, 2]
-            Standard deviations of each track's place (m) and velocity (m/s).
-        knots : float64[N, 3]
-            The plan (t, x, y); may be empty.
-        arrival : float
-            Of the plan, s.
-        turns : (float, float)
-            How often obstacles turn, 1/s, and by how much their velocities change then, m/s.
+        The heading of the observation turns a twist into a velocity. `segments` are those of the predicted motion, one track
+        after another, and `sigma`, float64[K, 2], the standard deviations of each track's place (m) and velocity (m/s).
+        `knots`, float64[N, 3], are those (t, x, y) of the plan, which may be empty; it arrives at the time `arrival`, s.
+        `turns` says how often obstacles turn, 1/s, and by how much their velocities change then, m/s.
         """
         rate, change = turns
         if math.dist(observation.xy, self.task.goal) <= self.task.goal_tolerance:  # it has arrived, and stays

@@ -35,47 +35,29 @@ _ARRIVED = 0.5  # s; nearer to the goal than this, the robot has no use for deto
 class Detours:
     """The times to the goal on a map where obstacles stay.
 
-    Plans know the obstacles up to their horizon only, and take the path to be free after it. Behind an obstacle that stays
-    in a doorway, a robot would wait forever, though there may be another door. How long an obstacle will stay is not known. The
+    Plans know the obstacles up to their horizon only, and take the path to be free after it. Behind an obstacle that stays in a
+    doorway, a robot would wait forever, though there may be another door. How long an obstacle will stay is not known. The
     longer it has stayed, the longer it is likely to, so it is expected to stay as long again as it has stayed already. A robot
     then waits before a doorway at most about as long as the detour takes in addition, as in the ski rental problem.
 
     Plans expect whoever stands to stand until their horizon. Where rollouts drive the robot, its times to the goal have to
     agree with the plan. Otherwise it drives into a U of people who stand, out of which the plan leads, and hesitates there.
 
-    Parameters
-    ----------
-    moves : Moves
-        Of the planning contexts.
-    contexts : sequence of PlanningContext
-        The maps for which there are such times: that of plans and, for a robot that rollouts drive, theirs. By the last one the
-        robot's progress is judged.
-    narrow : sequence of PlanningContext or None
-        Both for a disc as narrow as the robot, which passes obstacles lengthwise; None if they are the same. Where the robot is
-        held up and they lead past what stays, they are tried first; after that `contexts` and `narrow` are tried alternately.
-    horizon : float
-        Least time in s for which those who stand are expected to stand: the horizon of plans, or 0 if the robot follows plans.
-
-    Attributes
-    ----------
-    times : list of float64[H * W]
-        For each context the time to the goal over its moves, s.
-    stays : Table
-        How long obstacles have stayed (kernels/tracking/stays.py).
-    due : float
-        Time from which on the next scan is to be taken in, s.
-    to_go : float
-        The time to the goal at the last scan, s.
+    `contexts` are the maps for which there are such times: that of plans and, for a robot that rollouts drive, theirs. By the
+    last one the robot's progress is judged. `narrow` are both for a disc as narrow as the robot, which passes obstacles
+    lengthwise; None if they are the same. Where the robot is held up and they lead past what stays, they are tried first; after
+    that `contexts` and `narrow` are tried alternately. Those who stand are expected to stand for `horizon` s at least: the
+    horizon of plans, or 0 if the robot follows plans.
     """
 
     def __init__(self, moves: Moves, contexts: Contexts, narrow: Contexts | None = None, horizon: float = 0.0) -> None:
         self.moves, self.horizon = moves, horizon
         self.contexts, self.wide, self.narrow = contexts, contexts, narrow or contexts
-        self.times = [context.field for context in contexts]
-        self.stays = make_table(_ROWS, stays.COLUMNS)
+        self.times = [context.field for context in contexts]  # the times to the goal in each context, float64[H * W], s
+        self.stays = make_table(_ROWS, stays.COLUMNS)  # how long obstacles have stayed (kernels/tracking/stays.py)
         self._agreed = self._counted_at = 0.0  # s; when the plan and the times last agreed, and when these were last computed
         self._expected: set[tuple[float, float]] = set()  # the stays that `times` count with
-        self.due, self.to_go, self._xy = -math.inf, math.inf, (0.0, 0.0)
+        self.due, self.to_go, self._xy = -math.inf, math.inf, (0.0, 0.0)  # s; when the next scan is due, and the time to go
         self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
         # The times of the last two updates by the disc, the nodes, and those left out; they seldom change from one to the next.
         self._before: dict[tuple[float, tuple[int, int], bytes], NDArray[np.float64]] = {}

@@ -70,22 +70,9 @@ def explain(
 ) -> Decision:
     """Return the decision of a control cycle.
 
-    Parameters
-    ----------
-    now : Snapshot
-        The data of the cycle.
-    path : TimedPath or None
-        The plan in use; it starts at or before `now.now`.
-    cost, bound : float
-        Time that the plan needs from here to the goal, and a lower bound on that of any plan, s.
-    guard : str
-        What the guard did.
-    stands : bool
-        Whether the command is to stand.
-    pheromone
-        As in `Decision`.
-    memory : Memory
-        Memory in which the ants search.
+    The plan in use, `path`, starts at or before `now.now`. It needs `cost` s from here to the goal, and any plan at least
+    `bound` s. `guard` is what the guard did, and `stands` tells whether the command is to stand. `memory` is that in which the
+    ants search.
     """
     if path is None:
         return Decision("wait", "no motion is safe at the moment: stand", guard=guard, pheromone=pheromone)

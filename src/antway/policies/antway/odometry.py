@@ -38,20 +38,12 @@ class Odometry:
 
     They are wrong if the velocity from one place to the next lies outside of what is measured at both, and is predicted twice
     as well by the velocity before, or by the commands alone.
-
-    Attributes
-    ----------
-    measured : bool
-        Whether the speeds that are measured are used.
-    turn_rate : float or None
-        rad/s; as predicted; None while it is measured.
-    table : float64[ODOMETRY]
-        See kernels/robot/odometry.py.
     """
 
     def __init__(self, robot: RobotSpec) -> None:
-        self.wheels, self.measured, self.table = robot.wheels, True, np.zeros(ODOMETRY)
-        self.turn_rate: float | None = None
+        self.wheels, self.measured = robot.wheels, True  # `measured`: the speeds that are measured are used
+        self.table = np.zeros(ODOMETRY)  # see kernels/robot/odometry.py
+        self.turn_rate: float | None = None  # rad/s; as predicted; None while it is measured
         self.pause()
 
     def pause(self) -> None:

@@ -23,15 +23,8 @@ _done: set[tuple[object, ...]] = set()  # rehearsals of this process
 def rehearse(make: Callable[..., Policy], robot: RobotSpec, **options: object) -> None:
     """Drive through a small hall for a few cycles, if this process has not yet driven this kind of robot in this way.
 
-    Where no process has compiled the kernels yet, there is nothing to load: the episode compiles only what it needs.
-
-    Parameters
-    ----------
-    make : callable
-        Makes a policy from `options`.
-    robot : RobotSpec
-    **options : object
-        The arguments on which it depends which kernels the policy calls.
+    Where no process has compiled the kernels yet, there is nothing to load: the episode compiles only what it needs. `make`
+    makes a policy from `options`, the arguments on which it depends which kernels the policy calls.
     """
     kind = _kind_of(robot)
     what = (kind, *options.values())

@@ -41,17 +41,13 @@ class Response:
     turn rate down to a fifth of those declared. What is in use is kept until another candidate has at most half of its squared
     error. A speed or turn rate at which the robot stays, while faster ones are commanded, becomes its top speed or turn rate.
 
-    Attributes
-    ----------
-    declared, robot : RobotSpec
-        The robot as it was declared, and as it is taken to be now.
-    spread : float
-        m; how uncertain the robot's place is: the standard deviation of its errors in x and in y, as far as they change between
-        observations, and how far it is from where wrong speeds lead it; 0 while it is less than 2 mm.
+    The uncertainty of the robot's place, `spread`, is the standard deviation of its errors in x and in y, m, as far as they
+    change between observations, and how far it is from where wrong speeds lead it; 0 while it is less than 2 mm.
     """
 
     def __init__(self, declared: RobotSpec) -> None:
-        self.robot = self.limited = self.declared = declared  # `limited`: with the top speeds that were learnt
+        self.robot = self.declared = declared  # as it is taken to be now, and as it was declared
+        self.limited = declared  # with the top speeds that were learnt
         others = _STEP * np.arange(round((declared.latency + _LATER) / _STEP) + 1.0)
         others = others[np.abs(others - declared.latency) > 0.5 * _STEP]
         nearest = np.argsort(np.abs(others - declared.latency), kind="stable")

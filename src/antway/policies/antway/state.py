@@ -37,80 +37,39 @@ _OUTSET = 0.5  # s; during this time after the start, the velocities of tracks a
 _NEARBY = 3.0  # s; during the outset, the robot plans around predictions only up to this time ahead
 _WALKS = 0.3  # m/s; once a track was faster than this, the fastest observed speed is taken as the preferred speed of all
 _SEGMENTS = 48  # limit of motion segments of a track: the steps of its trajectory, the widths of its tube, four walls
-Paces = tuple[tuple[PlanningContext, float], ...]
+Paces = tuple[tuple[PlanningContext, float], ...]  # each with its stopping time, s
 
 
 @dataclass(slots=True, eq=False)
 class State:
-    """All that policy antway knows in one episode; `AntwayPolicy.reset` makes a new one.
-
-    Attributes
-    ----------
-    surroundings : Grid
-        The map on which obstacles move; that of the task may be a part of it.
-    terrain : Terrain
-        The same for kernels.
-    paces : pair of (PlanningContext, stopping time in s)
-        For full speed while no track is known, and for the slower pace among tracks.
-    context : PlanningContext
-        That of the pace in use.
-    memory : Memory or None
-        To search in; None: that of the thread (`shared_memory`).
-    tracker : Tracker
-        The track estimates.
-    seed : int
-        Of the episode.
-    rng : uint64[1]
-        State of the random generator.
-    response : Response
-        How the robot answers commands.
-    detours : Detours
-        Times to the goal that count with obstacles which stay.
-    yielding : Yielding
-        What the robot waits for, and what it was asked for while it gives way.
-    dance : Dance
-        Whether the robot stands because it and an obstacle kept stepping aside for each other.
-    controls : ControlColony or None
-        What drives a robot with inertia or wheels.
-    started : float
-        Time of the first observation, s; NaN before.
-    path : TimedPath or None
-        The plan in use, as it was made.
-    cycle : (Observation, float, float) or None
-        The control cycle that the explanation is about: what was observed, when the plan arrives at the goal, s, and a lower
-        bound on any arrival, s.
-    did : (str, bool)
-        What the guard did then, and whether the command was to stand.
-    decision : Decision or None
-        The explanation; None: it has to be made.
-    until : float
-        Time at which the explanation is renewed at the latest, s.
-    """
+    """All that policy antway knows in one episode; `AntwayPolicy.reset` makes a new one."""
 
     task: Task
-    surroundings: Grid
-    terrain: Terrain
+    surroundings: Grid  # the map on which obstacles move; that of the task may be a part of it
+    terrain: Terrain  # the same for kernels
     settings: Settings
-    paces: Paces
-    context: PlanningContext
-    memory: Memory | None
+    paces: Paces  # for full speed while no track is known, and for the slower pace among tracks
+    context: PlanningContext  # that of the pace in use
+    memory: Memory | None  # to search in; None: that of the thread (`shared_memory`)
     trails: Trails
     plan: PlanInUse
     tracker: Tracker
     crowd: Crowd
-    seed: int
-    rng: NDArray[np.uint64]
-    detours: Detours
-    response: Response
-    yielding: Yielding
-    dance: Dance = field(default_factory=Dance)
-    controls: ControlColony | None = None
-    started: float = math.nan
-    path: TimedPath | None = None
+    seed: int  # of the episode
+    rng: NDArray[np.uint64]  # [1] state of the random generator
+    detours: Detours  # times to the goal that count with obstacles which stay
+    response: Response  # how the robot answers commands
+    yielding: Yielding  # what the robot waits for, and what it was asked for while it gives way
+    dance: Dance = field(default_factory=Dance)  # whether it stands after it and an obstacle kept stepping aside for each other
+    controls: ControlColony | None = None  # what drives a robot with inertia or wheels
+    started: float = math.nan  # s; time of the first observation
+    path: TimedPath | None = None  # the plan in use, as it was made
+    # The control cycle that the explanation is about: what was observed, when the plan arrives at the goal, and a lower bound
+    # on any arrival, s; and what the guard did then, and whether the command was to stand.
     cycle: tuple[Observation, float, float] | None = None
     did: tuple[str, bool] = ("", False)
-    decision: Decision | None = None
-    until: float = math.inf
+    decision: Decision | None = None  # the explanation; None: it has to be made
+    until: float = math.inf  # s; time at which the explanation is renewed at the latest
 
 
 Counted = tuple[Times, StaticField | None]  # times to the goal, and the field for them of the colony in the space of controls

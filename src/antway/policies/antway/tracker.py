@@ -28,30 +28,14 @@ _NOISY = 1e-4  # m^2; above this median of the squared innovations, the guard is
 class Tracker:
     """Filters the tracks of one episode.
 
-    Parameters
-    ----------
-    strict : bool
-        Whether covariances are taken as stated. Otherwise those of measurements are scaled down to what innovations show.
-
-    Attributes
-    ----------
-    table : Table
-        The track table of kernels/tracking/kalman.py.
-    estimates : float64[K, 8]
-        The estimates of the tracks known after the last scan, as in kernels/tracking/predict.py.
-    averages, pool : Table, float64[POOL]
-        Of kernels/tracking/averages.py.
-    fastest : float
-        Speed of the fastest track seen, m/s.
-    doubts_velocities : bool
-        Whether the velocities that the sensor reports are not used, because they do not predict places.
+    If `strict`, covariances are taken as stated. Otherwise those of measurements are scaled down to what innovations show.
     """
 
     def __init__(self, strict: bool = False) -> None:
         self._strict = strict
         self.table = make_table(ROWS, kalman.COLUMNS, ID)
         self._estimates = np.zeros((ROWS, 8))
-        self.estimates = self._estimates[:0]
+        self.estimates = self._estimates[:0]  # of the tracks known after the last scan, as in kernels/tracking/predict.py
         self.averages = make_table(ROWS, averages.COLUMNS)
         # For kernels/tracking/noise.py.
         self._measured, self._noise = make_table(MOST_ROWS, noise.COLUMNS), np.zeros(noise.STATE)
@@ -60,7 +44,7 @@ class Tracker:
         self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
         self._seen = make_table(ROWS, changes.COLUMNS)  # see kernels/tracking/changes.py
         self._has_velocities = True  # whether the sensor measured those of all tracks in the last scan
-        self.doubts_velocities = False
+        self.doubts_velocities = False  # whether the reported velocities are not used, because they do not predict places
         self._forget()
         self._next_id = FIRST_OWN_ID
 
@@ -93,7 +77,8 @@ class Tracker:
         """Forget what was learnt from velocities, such as that places are wrong to which they do not lead."""
         rows = rows_in_use(self.table)  # places are known again after a scan, and velocities after two
         rows[:, [VX, VY, kalman.P12]], rows[:, [kalman.P11, kalman.P22]] = 0.0, kalman.UNKNOWN**2
-        self.averages.used[0], self._seen.used[0], self._measured.used[0], self.fastest = 0, 0, 0, 0.0
+        self.averages.used[0], self._seen.used[0], self._measured.used[0] = 0, 0, 0
+        self.fastest = 0.0  # m/s; speed of the fastest track seen
         self._noise[:] = 0.0
         self._largest = np.zeros(2)  # the largest variances that innovations have shown, if places were not nearly exact
         self.pool, self._turns = np.zeros(averages.POOL), np.array([changes.FIRST_SECONDS, 0.0, 0.0])
@@ -223,16 +208,9 @@ def with_ids(tracks: Tracks, t: float, table: Table, first: int) -> tuple[Tracks
     """Return the tracks seen at time `t` s with an id for each: that of the nearest known track, or else a new one.
 
     An id that the sensor gives counts, unless its track was expected far from there and another known track near: then the
-    sensor has swapped ids. The second result is from where on new ids are counted the next time.
-
-    Parameters
-    ----------
-    tracks : Tracks
-        Those with the id -1 get another id.
-    table : Table
-        The known tracks, as in kernels/tracking/kalman.py. Those that have a track already are not considered.
-    first : int
-        New ids are the least from here on that nobody has.
+    sensor has swapped ids. Tracks with the id -1 get another one. Known tracks, in `table` (kernels/tracking/kalman.py), that
+    have a track already are not considered. New ids are the least from `first` on that nobody has; the second result is from
+    where on they are counted the next time.
     """
     if first <= FIRST_OWN_ID and not kalman.needs_ids(*table[:2], t, tracks.id, tracks.xy):
         return tracks, first
@@ -256,17 +234,11 @@ def with_ids(tracks: Tracks, t: float, table: Table, first: int) -> tuple[Tracks
 
 
 def _doubtful(gap: NDArray[np.float64], same: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tell of each track of a scan whether its id is doubtful.
+    """Tell of each track of a scan whether its id is doubtful, bool[K].
 
     It is if no known track has that id, or if that track was expected more than `kalman.FAR` away and another one half as far
-    at most: a known track is nearer to this place, or a track of the scan to the place expected.
-
-    Parameters
-    ----------
-    gap : float64[M, K]
-        How far each track of the scan is from where each known track was expected, m.
-    same : bool[M, K]
-        Whether both have the same id.
+    at most: a known track is nearer to this place, or a track of the scan to the place expected. `gap`, float64[M, K], tells
+    how far each track of the scan is from where each known track was expected, m, and `same`, whether both have the same id.
     """
     own, others = np.where(same, gap, math.inf), np.where(same, math.inf, gap)
     known = others.min(axis=0, initial=math.inf)

@@ -151,15 +151,10 @@ class Dance:
     Two robots with the same policy step aside at the same time, see it, and both drive on at the same time. So the robot stands
     for a time that is drawn at random: one of the two drives on first, and only the other steps aside. This is for robots that
     can take any velocity at once, as others hesitate by themselves. Standing costs time in crowds.
-
-    Attributes
-    ----------
-    until : float
-        The robot stands up to this time, s.
     """
 
     def __init__(self) -> None:
-        self.until = self._expires = -math.inf  # s; up to when the robot counts as going to and fro
+        self.until = self._expires = -math.inf  # s; up to when the robot stands, and up to when it counts as going to and fro
         self._scans: deque[tuple[float, XY, float]] = deque(maxlen=_SCANS)  # time, place and time to the goal at the last scans
         self._first: dict[int, tuple[float, XY]] = {}  # when and where each obstacle was first seen meanwhile
 
