@@ -21,7 +21,7 @@ from antway.kernels.tracking import kalman as track
 from antway.kernels.tracking.predict import ID, NO_PREDICTIONS, RADIUS, TubeMargins, predict
 from antway.kernels.tracking.table import make_table
 from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.antway.state import fit_tables, make_trails
+from antway.policies.antway.state import make_trails
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce
 from antway.world.terrain import terrain_of
@@ -425,7 +425,6 @@ def test_a_cycle_plans_keeps_and_gives_up() -> None:
         )
 
         def cycle(now: float, xy: tuple[float, float], estimates: np.ndarray, s=s, policy=policy):
-            fit_tables(s, len(estimates))
             s.crowd.averaged[: len(estimates)] = estimates
             return crossing.cycle(
                 policy.memory(), s.trails, s.context, s.terrain, s.settings, s.plan, s.crowd, estimates, now, 0.0, xy, s.rng

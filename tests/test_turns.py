@@ -10,7 +10,7 @@ import pytest
 from antway import Grid, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
 from antway.kernels.base.records import RobotState
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
-from antway.kernels.controls.problem import CONTACT, SPEED, STRAIGHT, TURN_DISTANCE, TURN_TIME
+from antway.kernels.controls.problem import NearObstacle
 from antway.kernels.tracking import kalman
 from antway.kernels.tracking.changes import COLUMNS, FIRST_SECONDS, velocity_changes
 from antway.kernels.tracking.kalman import UNKNOWN
@@ -30,6 +30,7 @@ from common import cases
 from naive import people as naive
 
 ROOM = terrain_of(Grid(np.zeros((40, 40), np.bool_), 0.1))
+COLUMN = {name: k for k, name in enumerate(NearObstacle._fields)}  # of obstacles of an outlook
 
 
 def test_turns_are_those_that_the_slow_twin_counts() -> None:
@@ -124,12 +125,12 @@ def test_the_reach_of_turns_is_what_an_obstacle_gains_before_the_robot_is_out_of
     margins = Margins(0.01, 0.05, 2.0, 1.2, 0.4, 0.15, 2.0)
     segments, at = np.array([[0.0, math.inf, 2.0, 0.0, 0.0, 0.0, 0.6, 0.6]]), RobotState(0.0, 0.0, 0.0, 0.0, 0.0)
     look_ahead(segments, np.zeros((1, 2)), 0.0, 0.1, at, SpeedBounds(1.0, 1.0, 1.0, 1.0), margins, change, outlook)
-    reach = outlook.disc[:, 0, TURN_DISTANCE] - outlook.disc[:, 0, CONTACT]
+    reach = outlook.disc[:, 0, COLUMN["turn_distance"]] - outlook.disc[:, 0, COLUMN["contact"]]
     for k in range(30):
         since = np.linspace(0.0, 0.1 * (k + 1), 20_001)
         gain = change * since - 0.5 * 2.0 * np.maximum(since - 0.15, 0.0) ** 2
         assert reach[k] == pytest.approx(gain.max(), abs=1e-6)
-        assert outlook.disc[k, 0, TURN_TIME] == pytest.approx(min(0.1 * (k + 1), 0.15 + change / 2.0))
+        assert outlook.disc[k, 0, COLUMN["turn_time"]] == pytest.approx(min(0.1 * (k + 1), 0.15 + change / 2.0))
     assert (outlook.near == 1).all()
 
 
@@ -142,7 +143,7 @@ def test_obstacles_go_straight_until_their_velocity_changes() -> None:
     at, bounds = RobotState(0.0, 0.0, 0.0, 0.0, 0.0), SpeedBounds(1.0, 1.0, 1.0, 1.0)
     look_ahead(segments, np.zeros((1, 2)), 0.0, 0.1, at, bounds, margins, 0.0, outlook)
     left = [1.0 - t if 0.5 <= t < 1.0 else math.inf for t in (np.arange(25) + 1) / 10]
-    assert outlook.disc[:25, 0, STRAIGHT].tolist() == pytest.approx(left)
+    assert outlook.disc[:25, 0, COLUMN["straight"]].tolist() == pytest.approx(left)
 
 
 def test_velocities_count_as_wrong_by_as_much_as_turns_change_them() -> None:
@@ -222,4 +223,4 @@ def test_who_is_faster_than_declared_is_not_expected_to_slow_down() -> None:
         outlook = empty_outlook(10)
         segments = np.array([[0.0, 9.0, 2.0, 0.0, -seen, 0.0, 0.6, 0.6]])
         look_ahead(segments, np.zeros((1, 2)), 0.0, 0.1, at, SpeedBounds(1.0, 1.0, 1.0, growth), margins, 0.0, outlook)
-        assert outlook.near[9] == 1 and outlook.disc[9, 0, SPEED] == pytest.approx(bound)
+        assert outlook.near[9] == 1 and outlook.disc[9, 0, COLUMN["speed"]] == pytest.approx(bound)

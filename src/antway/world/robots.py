@@ -6,7 +6,7 @@ import math
 from dataclasses import MISSING, dataclass, fields
 from os.path import isfile
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from antway.reading import read_toml_file
 
 DRIVES = ("holonomic", "differential", "ackermann")  # in the order of kernels/base/records.py
 DYNAMICS = ("ramps", "steps")
+T = TypeVar("T")
 _MOST_CORNERS = 64  # limit of corners of a footprint
 _MAX_BYTES = 2**20  # limit of a robot's file
 
@@ -141,18 +142,8 @@ class RobotSpec:
     @property
     def limits(self) -> RobotLimits:
         """The limits as a record for kernels."""
-        return RobotLimits(
-            DRIVES.index(self.drive),
-            self.v_max,
-            self.v_reverse,
-            self.a_max,
-            self.braking,
-            self.turn_rate,
-            self.alpha_max,
-            self.turning_radius,
-            self.latency,
-            self.radius,
-        )
+        bounds = self.v_max, self.v_reverse, self.a_max, self.braking, self.turn_rate, self.alpha_max, self.turning_radius
+        return RobotLimits(DRIVES.index(self.drive), *bounds, self.latency, self.radius)
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -283,15 +274,14 @@ def load_robot(name: str | Path) -> RobotSpec:
     if path is None or path.suffix != ".toml" or not isfile(path):
         raise BadParameter("robot", str(name), f"one of {', '.join(ROBOTS)}, or the name of a .toml file that exists")
     record = read_toml_file(path, _MAX_BYTES, "robot")
-    spec: RobotSpec = from_table("robot", RobotSpec, record.get("robot", record), str(path))
-    return spec
+    return from_table("robot", RobotSpec, record.get("robot", record), str(path))
 
 
-def from_table(name: str, kind: type, record: object, where: str) -> Any:
+def from_table(name: str, kind: type[T], record: object, where: str) -> T:
     """Make a `kind` of the table `record` of a file; what its own checks refuse is named after the table."""
     if not isinstance(record, dict):
         raise BadScenario(name, record, "a table", where=where)
-    known = [f for f in fields(kind) if f.init]
+    known = [f for f in fields(kind) if f.init]  # type: ignore[arg-type]
     check_keys(record, name, tuple(f.name for f in known), tuple(f.name for f in known if f.default is MISSING), where)
     try:
         return kind(**record)

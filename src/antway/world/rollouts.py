@@ -12,7 +12,7 @@ from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits, RobotState
 from antway.kernels.controls.abreast import BATCH, ROWS
 from antway.kernels.controls.fields import beyond_walls, fitting_poses, turning_times, wall_distance
-from antway.kernels.controls.problem import COLUMNS, Batch, Outlook, StaticField
+from antway.kernels.controls.problem import Batch, NearObstacle, Outlook, StaticField
 from antway.kernels.controls.seeds import descent_points
 from antway.world.manoeuvres import manoeuvre_losses
 from antway.world.policy import XY, Observation, Task
@@ -91,7 +91,7 @@ def empty_outlook(steps: int) -> Outlook:
     """Return an outlook on `steps` steps without obstacles and without a plan."""
     plan = np.full((steps, 3), -math.inf)
     plan[:, :2] = 0.0
-    discs = np.zeros((steps + 1, _OBSTACLES, COLUMNS))
+    discs = np.zeros((steps + 1, _OBSTACLES, len(NearObstacle._fields)))
     return Outlook(np.zeros(steps + 1, np.int64), discs, np.zeros((steps + 1, 3, _OBSTACLES)), plan)
 
 

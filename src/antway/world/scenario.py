@@ -196,8 +196,7 @@ def _robot(value: object, where: str) -> RobotSpec:
             raise error.at(where) from None
     if isinstance(value, dict) and "footprint" in value and "radius" in value:
         raise BadScenario("robot.footprint", value["footprint"], "left out where robot.radius is given", where=where)
-    spec: RobotSpec = from_table("robot", RobotSpec, value, where)
-    return spec
+    return from_table("robot", RobotSpec, value, where)
 
 
 def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:

@@ -108,8 +108,7 @@ def _around(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int,
         for c in (col - 1, col + 1):
             if x[r, c] > 0.0 and _linked(kind, row, col, r, c):
                 diagonal += x[r, c]
-    total: float = straight + weight * diagonal
-    return total
+    return float(straight + weight * diagonal)
 
 
 @kernel

@@ -17,17 +17,7 @@ from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.lookup import clearance, clearance_within, reaches, turning_loss
 from antway.kernels.controls.motion import MotionState, motion_state, step
-from antway.kernels.controls.problem import (
-    GOAL_SPEED,
-    GOAL_X,
-    GOAL_Y,
-    TOLERANCE,
-    VX,
-    VY,
-    Batch,
-    ControlProblem,
-    StaticField,
-)
+from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, Batch, ControlProblem, StaticField, near_at
 from antway.kernels.controls.rollout import is_too_dear, lost_time, obstacle_cost, stop_behind_wall
 
 BATCH = 64  # most rollouts that are stepped abreast
@@ -125,7 +115,8 @@ def _count_near(value: NDArray[np.float64], n: int, k: int, problem: ControlProb
         value[HARM + i] = 0.0
     for j in range(outlook.near[k]):
         x, y, beyond = outlook.beyond[k, 0, j], outlook.beyond[k, 1, j], outlook.beyond[k, 2, j]
-        x0, y0 = x - outlook.disc[k, j, VX] * dt, y - outlook.disc[k, j, VY] * dt
+        disc = near_at(outlook, k, j)
+        x0, y0 = x - disc.vx * dt, y - disc.vy * dt
         for i in range(n):
             dx, dy = value[X + i] - x, value[Y + i] - y
             square = dx * dx + dy * dy
@@ -251,14 +242,7 @@ def _end(cost: NDArray[np.float64], n: int, k: int, left: int, decay: float, lim
 @bare_kernel
 def _judge_abreast(sequences: NDArray[np.float64], problem: ControlProblem, limit: float, cost: NDArray[np.float64]) -> None:
     """Do as `judge_all` does, for at most BATCH sequences."""
-    limits, dt, field, outlook, w, batch = (
-        problem.limits,
-        problem.dt,
-        problem.field,
-        problem.outlook,
-        problem.weights,
-        problem.batch,
-    )
+    _, limits, dt, field, outlook, w, batch = problem
     value, n, steps = batch.value, len(sequences), sequences.shape[1]
     _start(n, batch, problem)
     decay, decay_of_step = 1.0, math.exp(-w.decay * dt)

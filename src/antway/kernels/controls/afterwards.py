@@ -16,18 +16,7 @@ from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.lookup import sample, slope
 from antway.kernels.controls.motion import MotionState
 from antway.kernels.controls.outlook import AFTERWARDS
-from antway.kernels.controls.problem import (
-    CENTRE_X,
-    CENTRE_Y,
-    CONTACT,
-    OWNER,
-    RISKY,
-    STRAIGHT,
-    VX,
-    VY,
-    ControlProblem,
-    StaticField,
-)
+from antway.kernels.controls.problem import ControlProblem, NearObstacle, StaticField, near_at
 
 _DELAY = 0.5  # 1; share of its time that a motion costs which leads nowhere, as the robot need not keep it up to the end
 _UNSURE = 0.3  # m; an obstacle whose place is less uncertain than this counts less, because the plan has reckoned with it
@@ -79,16 +68,16 @@ def cost_afterwards(at: MotionState, problem: ControlProblem, decay: float, cost
             dx, dy = at.x - beyond[0, i], at.y - beyond[1, i]
             if dx * dx + dy * dy >= beyond[2, i]:
                 continue  # too far away to come near
-            disc = outlook.disc[steps, i]
+            disc = near_at(outlook, steps, i)
             square = _least_square(at.x, at.y, 0.0, 0.0, 0.0, start, disc)
             square = min(square, _least_square(at.x, at.y, ux, uy, start, end, disc))
             square = min(square, _least_square(there_x, there_y, 0.0, 0.0, end, AFTERWARDS, disc))
-            if square < disc[RISKY] * disc[RISKY]:
-                uncertain = disc[RISKY] - disc[CONTACT]
-                share = min((disc[RISKY] - math.sqrt(square)) / uncertain, 1.0)
-                its_speed = math.sqrt(disc[VX] * disc[VX] + disc[VY] * disc[VY])
+            if square < disc.risky * disc.risky:
+                uncertain = disc.risky - disc.contact
+                share = min((disc.risky - math.sqrt(square)) / uncertain, 1.0)
+                its_speed = math.sqrt(disc.vx * disc.vx + disc.vy * disc.vy)
                 share *= share * min(uncertain / _UNSURE, 1.0) * min(its_speed / limits.v_max, 1.0)
-                cost += max(decay * w.risk * share - costs[int(disc[OWNER])], 0.0)
+                cost += max(decay * w.risk * share - costs[int(disc.owner)], 0.0)
                 if cost >= least:
                     break
         least = min(least, cost)
@@ -119,18 +108,17 @@ def _unblocked(at: MotionState, ux: float, uy: float, span: float, field: Static
 
 
 @inner_kernel
-def _least_square(x: float, y: float, ux: float, uy: float, since: float, until: float, disc: NDArray[np.float64]) -> float:
+def _least_square(x: float, y: float, ux: float, uy: float, since: float, until: float, disc: NearObstacle) -> float:
     """Return the least squared distance of an obstacle from a robot that moves from (x, y) at (ux, uy) m/s in a time, m^2.
 
     What the obstacle does after a wall has changed its velocity does not count.
     """
-    until = min(until, disc[STRAIGHT])
+    until = min(until, disc.straight)
     if until < since:
         return math.inf
-    dx, dy = x - disc[CENTRE_X] - disc[VX] * since, y - disc[CENTRE_Y] - disc[VY] * since
-    wx, wy = ux - disc[VX], uy - disc[VY]
+    dx, dy = x - disc.x - disc.vx * since, y - disc.y - disc.vy * since
+    wx, wy = ux - disc.vx, uy - disc.vy
     square = wx * wx + wy * wy
     t = min(max(-(dx * wx + dy * wy) / square, 0.0), until - since) if square > 1e-9 else 0.0
     dx, dy = dx + wx * t, dy + wy * t
-    nearest: float = dx * dx + dy * dy
-    return nearest
+    return float(dx * dx + dy * dy)

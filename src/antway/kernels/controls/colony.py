@@ -103,8 +103,7 @@ def insert(archive: Archive, ant: int) -> None:
 def worst(archive: Archive) -> float:
     """Return the cost below which an ant is inserted, s."""
     n = archive.used[0]
-    most: float = archive.cost[archive.order[n - 1]] if n == len(archive.cost) else math.inf
-    return most
+    return float(archive.cost[archive.order[n - 1]]) if n == len(archive.cost) else math.inf
 
 
 @kernel

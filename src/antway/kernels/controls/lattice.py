@@ -16,19 +16,8 @@ from numpy.typing import NDArray
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
-from antway.kernels.controls.abreast import (
-    HARM,
-    ONE,
-    SPENT,
-    TWO,
-    WALL,
-    close_up,
-    drive,
-    obstacle_costs,
-    rollout_state,
-    set_rollout,
-    wall_distances,
-)
+from antway.kernels.base.rows import copy_row
+from antway.kernels.controls import abreast
 from antway.kernels.controls.lookup import at_goal, time_to_go, turning_loss
 from antway.kernels.controls.motion import MotionState, motion_state
 from antway.kernels.controls.problem import Batch, ControlProblem
@@ -81,28 +70,28 @@ def _drive_arcs(lattice: Lattice, parent: int, first: int, count: int, problem: 
     node, link, dt, w, batch = lattice.node, lattice.link, problem.dt, problem.weights, problem.batch
     value, block, at, n = batch.value, lattice.command.shape[1], _state_at(node[parent]), count
     for i in range(n):
-        set_rollout(value, i, at)
-        value[SPENT + i], batch.sequence[i] = node[parent, COST], i
+        abreast.set_rollout(value, i, at)
+        value[abreast.SPENT + i], batch.sequence[i] = node[parent, COST], i
         link[first + i, PARENT], link[first + i, ARCS], link[first + i, DONE] = parent, link[parent, ARCS] + 1, _TOUCHES
     for q in range(block):
         k, to = link[parent, ARCS] * block + q, 0
         for i in range(n):
             new = first + batch.sequence[i]
-            value[ONE + i], value[TWO + i] = lattice.command[new, q, 0], lattice.command[new, q, 1]
-        drive(value, n, problem.limits, dt)
-        wall_distances(value, n, problem, w.wall_margin)
+            value[abreast.ONE + i], value[abreast.TWO + i] = lattice.command[new, q, 0], lattice.command[new, q, 1]
+        abreast.drive(value, n, problem.limits, dt)
+        abreast.wall_distances(value, n, problem, w.wall_margin)
         if problem.outlook.near[k] > 0:
-            obstacle_costs(batch, n, k, 1.0, problem)
+            abreast.obstacle_costs(batch, n, k, 1.0, problem)
         for i in range(n):
-            harm = value[HARM + i] if problem.outlook.near[k] > 0 else 0.0
-            if value[WALL + i] >= w.wall_margin and harm < w.contact:
-                value[SPENT + i] += harm / block
-                close_up(batch, i, to)
-                ends = at_goal(problem.field, rollout_state(value, to))
+            harm = value[abreast.HARM + i] if problem.outlook.near[k] > 0 else 0.0
+            if value[abreast.WALL + i] >= w.wall_margin and harm < w.contact:
+                value[abreast.SPENT + i] += harm / block
+                abreast.close_up(batch, i, to)
+                ends = at_goal(problem.field, abreast.rollout_state(value, to))
                 if ends or q == block - 1:
-                    new, cost = first + batch.sequence[to], value[SPENT + to] - (block - 1 - q) * dt
+                    new, cost = first + batch.sequence[to], value[abreast.SPENT + to] - (block - 1 - q) * dt
                     link[new, DONE] = int(ends)
-                    _store(node[new], rollout_state(value, to), cost + block * dt)
+                    _store(node[new], abreast.rollout_state(value, to), cost + block * dt)
                 to += int(not ends)
         n = to
 
@@ -110,12 +99,10 @@ def _drive_arcs(lattice: Lattice, parent: int, first: int, count: int, problem: 
 @inner_kernel
 def _move(lattice: Lattice, new: int, to: int) -> None:
     """Move a node to row `to`."""
-    for i in range(lattice.node.shape[1]):
-        lattice.node[to, i] = lattice.node[new, i]
-    for i in range(lattice.link.shape[1]):
-        lattice.link[to, i] = lattice.link[new, i]
+    copy_row(lattice.node[new], lattice.node[to])
+    copy_row(lattice.link[new], lattice.link[to])
     for q in range(lattice.command.shape[1]):
-        lattice.command[to, q, 0], lattice.command[to, q, 1] = lattice.command[new, q, 0], lattice.command[new, q, 1]
+        copy_row(lattice.command[new, q], lattice.command[to, q])
 
 
 @inner_kernel
@@ -123,26 +110,22 @@ def _bound(lattice: Lattice, node: int, problem: ControlProblem) -> float:
     """Return the time from the start to the goal through a node, without moving obstacles beyond the node, s."""
     at, cost = _state_at(lattice.node[node]), lattice.node[node, COST]
     if lattice.link[node, DONE] == 1:
-        done: float = cost
-        return done
+        return float(cost)
     to_go = time_to_go(problem.field, at)
     lost = turning_loss(problem.field, at, to_go) + lost_time(at, to_go, problem.field, problem.limits)
-    bound: float = cost + to_go + lost
-    return bound
+    return float(cost + to_go + lost)
 
 
 @inner_kernel
 def _better(lattice: Lattice, node: int, bound: float, limits: RobotLimits, longest: float) -> bool:
     """Tell whether the node has the lowest bound of all similar poses after as many arcs; if so, store it."""
-    row, wheels = lattice.node[node], limits.drive != HOLONOMIC
+    row = lattice.node[node]
     col, line = math.floor(row[X] / (_CELL * longest)), math.floor(row[Y] / (_CELL * longest))
     turn = math.floor(math.atan2(row[SIN], row[COS]) * (_HEADINGS / (2.0 * math.pi)) + 0.5) % _HEADINGS
     speed = math.floor(_SPEEDS * row[SPEED] / limits.v_max + 0.5) + _SPEEDS
-    spin = (
-        math.floor(row[SPIN] / limits.turn_rate + 1.5)
-        if wheels
-        else math.floor(_SPEEDS * row[SPIN] / limits.v_max + 0.5) + _SPEEDS
-    )
+    spin = math.floor(_SPEEDS * row[SPIN] / limits.v_max + 0.5) + _SPEEDS
+    if limits.drive != HOLONOMIC:
+        spin = math.floor(row[SPIN] / limits.turn_rate + 1.5)
     key = np.int64(line % 65536) * 65536 + np.int64(col % 65536)
     key = ((key * _HEADINGS + np.int64(turn)) * 8 + np.int64(speed)) * 8 + np.int64(spin)
     key = key * 64 + lattice.link[node, ARCS]

@@ -26,8 +26,7 @@ def sample(field: NDArray[np.float32], x: float, y: float, frame: NDArray[np.flo
     u, w = r - i, c - j
     low = field[i, j] + w * (field[i, j + 1] - field[i, j])
     high = field[i + 1, j] + w * (field[i + 1, j + 1] - field[i + 1, j])
-    value: float = low + u * (high - low)
-    return value
+    return float(low + u * (high - low))
 
 
 @inner_kernel
@@ -85,8 +84,7 @@ def _manoeuvre_loss(field: StaticField, at: MotionState, to_go: float) -> float:
     share = min(2.0 - detour / (_DETOUR * edge), 1.0)
     if distance >= edge or share <= 0.0:
         return 0.0
-    loss: float = share * sample(field.manoeuvre, at.cos * dx + at.sin * dy, at.cos * dy - at.sin * dx, frame)
-    return loss
+    return float(share * sample(field.manoeuvre, at.cos * dx + at.sin * dy, at.cos * dy - at.sin * dx, frame))
 
 
 @inner_kernel
@@ -147,8 +145,7 @@ def _square_from(box: NDArray[np.float64], ahead: float, left: float) -> float:
     """Return the squared distance of a point from the robot's box, m^2."""
     out = max(box[0] - ahead, ahead - box[1], 0.0)
     side = max(box[2] - left, left - box[3], 0.0)
-    square: float = out * out + side * side
-    return square
+    return float(out * out + side * side)
 
 
 @inner_kernel
@@ -174,5 +171,4 @@ def footprint_distance(
                 square = (da * across - db * along) ** 2 / length
                 if square < start:
                     nearest = min(nearest, square)
-    distance: float = math.sqrt(nearest) + box[4]
-    return distance
+    return float(math.sqrt(nearest) + box[4])

@@ -11,21 +11,7 @@ from numpy.typing import NDArray
 from antway.kernels.base import records
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import RobotState
-from antway.kernels.controls.problem import (
-    CENTRE_X,
-    CENTRE_Y,
-    CONTACT,
-    OWNER,
-    PREFERRED,
-    RISKY,
-    SPEED,
-    STRAIGHT,
-    TURN_DISTANCE,
-    TURN_TIME,
-    VX,
-    VY,
-    Outlook,
-)
+from antway.kernels.controls.problem import NearObstacle, Outlook, near_at, set_near
 
 AFTERWARDS = 3.0  # s; after the end of a rollout, obstacles count for this time (kernels/controls/afterwards.py)
 
@@ -57,11 +43,11 @@ def write_beyond(v_max: float, outlook: Outlook) -> None:
     steps = len(outlook.plan)
     for k in range(steps + 1):
         for i in range(outlook.near[k]):
-            disc = outlook.disc[k, i]
-            distance = max(disc[PREFERRED], disc[RISKY], disc[TURN_DISTANCE])
+            disc = near_at(outlook, k, i)
+            distance = max(disc.preferred, disc.risky, disc.turn_distance)
             if k == steps:
-                distance += (v_max + math.hypot(disc[VX], disc[VY])) * AFTERWARDS
-            outlook.beyond[k, 0, i], outlook.beyond[k, 1, i] = disc[CENTRE_X], disc[CENTRE_Y]
+                distance += (v_max + math.hypot(disc.vx, disc.vy)) * AFTERWARDS
+            outlook.beyond[k, 0, i], outlook.beyond[k, 1, i] = disc.x, disc.y
             outlook.beyond[k, 2, i] = distance * distance
 
 
@@ -114,12 +100,10 @@ def look_ahead(
             far = contact + max(margins.preferred_gap, uncertain, turned, while_stopping) + span + 0.01
             dx, dy = x - start.x, y - start.y
             if dx * dx + dy * dy < far * far and outlook.near[k] < size:
-                disc = outlook.disc[k, outlook.near[k]]
-                disc[CENTRE_X], disc[CENTRE_Y], disc[VX], disc[VY], disc[SPEED] = x, y, vx, vy, speed
-                disc[CONTACT], disc[PREFERRED], disc[RISKY] = contact, contact + margins.preferred_gap, contact + uncertain
-                disc[STRAIGHT] = t1 - t if turns else math.inf
-                disc[TURN_DISTANCE], disc[TURN_TIME] = contact + turned, turn_time
-                disc[OWNER] = obstacle % size
+                preferred, risky, turning = contact + margins.preferred_gap, contact + uncertain, contact + turned
+                straight, owner = t1 - t if turns else math.inf, float(obstacle % size)
+                disc = NearObstacle(x, y, contact, preferred, speed, vx, vy, straight, risky, owner, turning, turn_time)
+                set_near(outlook, k, outlook.near[k], disc)
                 outlook.near[k] += 1
     write_beyond(v_max, outlook)
 

@@ -7,15 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.jit import inner_kernel
 from antway.kernels.base.records import RobotLimits, RobotState
 
-# Columns of an obstacle at the end of a step: its place in m; the distances of the centres in m at which contact begins and up
-# to which a greater distance is preferred; the bound on its speed in m/s; its velocity in m/s; the time in s until a wall
-# changes its velocity; the distance of the centres in m at which the risk of contact begins; its column in `Batch.harm`; the
-# distance of the centres in m at which the risk of turns begins, and the time in s within which a turn comes too late for the
-# robot to respond.
-CENTRE_X, CENTRE_Y, CONTACT, PREFERRED, SPEED, VX, VY, STRAIGHT, RISKY, OWNER, TURN_DISTANCE, TURN_TIME = range(12)
-COLUMNS = 12
 # Entries of a goal: its place and its tolerance in m, and the speed in m/s above which a robot has not arrived.
 GOAL_X, GOAL_Y, TOLERANCE, GOAL_SPEED = range(4)
 
@@ -39,11 +33,28 @@ class StaticField(NamedTuple):
     manoeuvre_frame: NDArray[np.float64]  # [4] its fourth number is the car's top speed, m/s
 
 
+class NearObstacle(NamedTuple):
+    """An obstacle at the end of a step, a row of `Outlook.disc`; distances are those of the centres."""
+
+    x: float  # m
+    y: float
+    contact: float  # m; distance at which contact begins
+    preferred: float  # m; up to this distance a greater one is preferred
+    speed: float  # m/s; bound on its speed
+    vx: float  # m/s
+    vy: float
+    straight: float  # s; time until a wall changes its velocity
+    risky: float  # m; distance at which the risk of contact begins
+    owner: float  # its column in `Batch.harm`
+    turn_distance: float  # m; distance at which the risk of turns begins
+    turn_time: float  # s; within this time a turn comes too late for the robot to respond
+
+
 class Outlook(NamedTuple):
     """Obstacles that the robot could come near to, at the end of each step of a rollout, and the plan in space and time."""
 
     near: NDArray[np.int64]  # [S + 1] number of obstacles; last that of those that the robot could come near to afterwards
-    disc: NDArray[np.float64]  # [S + 1, N, COLUMNS] where they are then; those of the last row, at the end of the last step
+    disc: NDArray[np.float64]  # [S + 1, N, 12] rows of `NearObstacle`; those of the last row, at the end of the last step
     beyond: NDArray[np.float64]  # [S + 1, 3, N] x and y of each obstacle, m, and the square of the distance of the centres from
     # which on it costs nothing, m^2; one row after another, so that all obstacles of a step are compared at once
     plan: NDArray[np.float64]  # [S, 3] x and y of the plan, m, and the time that it still takes from there, s
@@ -57,7 +68,7 @@ class CostWeights(NamedTuple):
     decay: float  # 1/s; rate at which the weight of contacts, risks, stops and walls falls with the time ahead
     near: float  # s/m; at each step, for each metre that is missing to the preferred distance
     risk: float  # s; where contact begins; falls with the square to nothing where the risk begins; see `Batch.harm`
-    turn_risk: float  # 1; where contact begins, for each s of TURN_TIME; falls to nothing at TURN_DISTANCE; see `Batch.harm`
+    turn_risk: float  # 1; where contact begins, for each s of `turn_time`; to nothing at `turn_distance`; see `Batch.harm`
     wall: float  # s; at each step at which the robot is nearer to a wall than `wall_margin`
     wall_margin: float  # m
     wall_risk: float  # 1; for each second at `wall_margin`; falls to nothing at `wall_range` from there
@@ -91,3 +102,17 @@ class ControlProblem(NamedTuple):
     outlook: Outlook
     weights: CostWeights
     batch: Batch
+
+
+@inner_kernel
+def near_at(outlook: Outlook, k: int, i: int) -> NearObstacle:
+    """Return obstacle i near the robot at the end of step k."""
+    row = outlook.disc[k, i]
+    return NearObstacle(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11])
+
+
+@inner_kernel
+def set_near(outlook: Outlook, k: int, i: int, obstacle: NearObstacle) -> None:
+    """Write obstacle i near the robot at the end of step k."""
+    row = outlook.disc[k, i]
+    row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11] = obstacle

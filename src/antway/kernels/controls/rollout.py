@@ -9,28 +9,9 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
-from antway.kernels.controls.lookup import (
-    clearance,
-    footprint_distance,
-    slope,
-)
+from antway.kernels.controls.lookup import clearance, footprint_distance, slope
 from antway.kernels.controls.motion import MotionState
-from antway.kernels.controls.problem import (
-    CENTRE_X,
-    CENTRE_Y,
-    CONTACT,
-    OWNER,
-    PREFERRED,
-    RISKY,
-    SPEED,
-    STRAIGHT,
-    TURN_DISTANCE,
-    TURN_TIME,
-    VX,
-    VY,
-    ControlProblem,
-    StaticField,
-)
+from antway.kernels.controls.problem import ControlProblem, NearObstacle, StaticField, near_at
 
 _FIRST_STEP = 3.0  # 1; weight of a stop that the guard would refuse at the first step; at later steps it is the decay
 _ALONG = 0.9  # 1; cosine of the angle between the directions of the robot and of an obstacle that it follows, at least
@@ -67,9 +48,9 @@ def obstacle_cost(
     if k == 0 and w.follow > 0.0 and speed > 1e-3:
         cost += w.follow * _depth_behind(at, speed, problem)
     for i in range(outlook.near[k]):
-        disc = outlook.disc[k, i]
-        dx, dy = at.x - disc[CENTRE_X], at.y - disc[CENTRE_Y]
-        moved_x, moved_y = at.x - before.x - disc[VX] * dt, at.y - before.y - disc[VY] * dt
+        disc = near_at(outlook, k, i)
+        dx, dy = at.x - disc.x, at.y - disc.y
+        moved_x, moved_y = at.x - before.x - disc.vx * dt, at.y - before.y - disc.vy * dt
         from_x, from_y, square = dx - moved_x, dy - moved_y, dx * dx + dy * dy
         if has_box:  # a corner of it may have been nearer in the step than its centre is at the end
             square = min(square, from_x * from_x + from_y * from_y)
@@ -79,17 +60,17 @@ def obstacle_cost(
             else:
                 dx, dy = _nearest_in_step(dx, dy, moved_x, moved_y)
                 distance = math.sqrt(dx * dx + dy * dy)
-            cost += w.near * max(disc[PREFERRED] - distance, 0.0)
+            cost += w.near * max(disc.preferred - distance, 0.0)
             harm = 0.0
-            if distance < disc[RISKY]:
-                share = min((disc[RISKY] - distance) / (disc[RISKY] - disc[CONTACT]), 1.0)
+            if distance < disc.risky:
+                share = min((disc.risky - distance) / (disc.risky - disc.contact), 1.0)
                 harm += w.risk * share * share
-            if w.turn_risk > 0.0 and distance < disc[TURN_DISTANCE]:
-                share = min((disc[TURN_DISTANCE] - distance) / (disc[TURN_DISTANCE] - disc[CONTACT]), 1.0)
-                harm += w.turn_risk * disc[TURN_TIME] * share
-            if distance < disc[CONTACT]:
-                harm += w.contact + w.contact * (disc[CONTACT] - distance)
-            harm, owner = decay * harm, int(disc[OWNER])
+            if w.turn_risk > 0.0 and distance < disc.turn_distance:
+                share = min((disc.turn_distance - distance) / (disc.turn_distance - disc.contact), 1.0)
+                harm += w.turn_risk * disc.turn_time * share
+            if distance < disc.contact:
+                harm += w.contact + w.contact * (disc.contact - distance)
+            harm, owner = decay * harm, int(disc.owner)
             if len(costs) == 0:
                 cost += harm
             elif harm > costs[owner]:
@@ -125,33 +106,33 @@ def _depth_behind(at: MotionState, speed: float, problem: ControlProblem) -> flo
     along_x, along_y = x - at.x, y - at.y
     span = math.sqrt(along_x * along_x + along_y * along_y)
     for i in range(outlook.near[0]):
-        disc = outlook.disc[0, i]
-        vx, vy, pace = disc[VX], disc[VY], math.sqrt(disc[VX] * disc[VX] + disc[VY] * disc[VY])
-        ahead = along_x * (disc[CENTRE_X] - at.x) + along_y * (disc[CENTRE_Y] - at.y) > 0.0
+        disc = near_at(outlook, 0, i)
+        vx, vy, pace = disc.vx, disc.vy, math.sqrt(disc.vx * disc.vx + disc.vy * disc.vy)
+        ahead = along_x * (disc.x - at.x) + along_y * (disc.y - at.y) > 0.0
         if ahead and along_x * vx + along_y * vy > _ALONG * span * pace:
             half = 0.5 * pace / max(problem.weights.swerve, 1e-9)  # s; half of the time in which the obstacle brakes
-            dx, dy = x - disc[CENTRE_X] - half * vx, y - disc[CENTRE_Y] - half * vy
-            depth = max(depth, disc[CONTACT] - math.sqrt(dx * dx + dy * dy))
+            dx, dy = x - disc.x - half * vx, y - disc.y - half * vy
+            depth = max(depth, disc.contact - math.sqrt(dx * dx + dy * dy))
     return depth
 
 
 @inner_kernel
-def _depth_in_stop(disc: NDArray[np.float64], x: float, y: float, after: float, swerve: float) -> float:
+def _depth_in_stop(disc: NearObstacle, x: float, y: float, after: float, swerve: float) -> float:
     """Return how far the obstacle can be within contact distance of a robot that stands at (x, y) `after` s from now, m.
 
     Two bounds on where the obstacle can be are used: it is no faster than its speed bound; and until a wall changes its
     velocity, that changes by no more than `swerve` m/s^2.
     """
-    most = disc[CONTACT] + disc[SPEED] * after
-    dx, dy = x - disc[CENTRE_X], y - disc[CENTRE_Y]
+    most = disc.contact + disc.speed * after
+    dx, dy = x - disc.x, y - disc.y
     square = dx * dx + dy * dy
     if square >= most * most:
         return 0.0
     depth: float = most - math.sqrt(square)
     if swerve < math.inf:
-        drift = min(after, disc[STRAIGHT])
-        dx, dy = dx - disc[VX] * drift, dy - disc[VY] * drift
-        most = disc[CONTACT] + 0.5 * swerve * drift * drift + disc[SPEED] * (after - drift)
+        drift = min(after, disc.straight)
+        dx, dy = dx - disc.vx * drift, dy - disc.vy * drift
+        most = disc.contact + 0.5 * swerve * drift * drift + disc.speed * (after - drift)
         depth = min(depth, most - math.sqrt(dx * dx + dy * dy))
     return depth
 

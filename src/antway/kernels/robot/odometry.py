@@ -30,8 +30,7 @@ def chord(state: RobotState) -> float:
 @bare_kernel
 def middle_heading(before: NDArray[np.float64], now: NDArray[np.float64]) -> float:
     """Return the heading half way between two observations, rad, which is that of the chord of an arc."""
-    heading: float = before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING])
-    return heading
+    return float(before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING]))
 
 
 @bare_kernel

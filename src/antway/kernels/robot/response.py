@@ -93,18 +93,8 @@ def learn_place(
 @bare_kernel
 def _limited(limits: RobotLimits, a_max: float, brake_max: float, alpha_max: float, latency: float) -> RobotLimits:
     """Return the limits with another latency and other ramps."""
-    return RobotLimits(
-        limits.drive,
-        limits.v_max,
-        limits.v_reverse,
-        a_max,
-        brake_max,
-        limits.turn_rate,
-        alpha_max,
-        limits.turning_radius,
-        latency,
-        limits.radius,
-    )
+    drive, v_max, v_reverse, _, _, turn_rate, _, turning_radius, _, radius = limits
+    return RobotLimits(drive, v_max, v_reverse, a_max, brake_max, turn_rate, alpha_max, turning_radius, latency, radius)
 
 
 @kernel

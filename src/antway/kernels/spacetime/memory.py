@@ -78,12 +78,8 @@ def open_cell(
         memory.stamp[cell], memory.intervals[cell] = memory.counter[GENERATION], 0
         return
     for p in range(len(segments)):
-        if (
-            x + longest_move < memory.box[p, 0]
-            or x - longest_move > memory.box[p, 1]
-            or y + longest_move < memory.box[p, 2]
-            or y - longest_move > memory.box[p, 3]
-        ):
+        box = memory.box[p]
+        if x + longest_move < box[0] or x - longest_move > box[1] or y + longest_move < box[2] or y - longest_move > box[3]:
             continue
         since, until = within(x, y, segments[p, CLEARANCE_RADIUS] + longest_move, segments, p)
         if since >= until:

@@ -120,11 +120,8 @@ def place_at(knots: NDArray[np.float64], t: float) -> tuple[float, float, int]:
     for i in range(1, n):
         if t < knots[i, 0]:
             s = (t - knots[i - 1, 0]) / (knots[i, 0] - knots[i - 1, 0])
-            return (
-                knots[i - 1, 1] + s * (knots[i, 1] - knots[i - 1, 1]),
-                knots[i - 1, 2] + s * (knots[i, 2] - knots[i - 1, 2]),
-                i,
-            )
+            x, y = knots[i - 1, 1], knots[i - 1, 2]
+            return x + s * (knots[i, 1] - x), y + s * (knots[i, 2] - y), i
     return knots[n - 1, 1], knots[n - 1, 2], n - 1
 
 

@@ -66,5 +66,4 @@ def wrong(
         row[TRACK_ID], row[SEEN], row[_SINCE] = track_id[k], t, t
         row[_X], row[_Y], row[_DX], row[_DY] = xy[k, 0], xy[k, 1], 0.0, 0.0
         row[_VX], row[_VY], row[_PX], row[_PY] = velocity[k, 0], velocity[k, 1], px, py
-    found: bool = state[0] >= enough and state[1] > times * state[2] + _LEAST * state[0]
-    return found
+    return bool(state[0] >= enough and state[1] > times * state[2] + _LEAST * state[0])

@@ -218,8 +218,7 @@ class ControlColony:
     def others(self) -> NDArray[np.float64]:
         """Return the first commands of all sequences in the archive but the best, in the order of cost, float64[N, 2]."""
         n = int(self.archive.used[0])
-        others: NDArray[np.float64] = self.archive.sequence[self.archive.order[1:n], 0]
-        return others
+        return np.asarray(self.archive.sequence[self.archive.order[1:n], 0])
 
     def same_path(self) -> bool:
         """Tell whether the best sequence leads along `path`; if not, `path` becomes where it leads."""

@@ -38,17 +38,10 @@ def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.floa
     t, (x, y) = float(seen.t), seen.xy
     wait = 0.0 if s.path is None else wait_of(s.path, t)
     s.until = t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
-    snapshot = Snapshot(
-        s.detours.without(s.context),
-        s.settings,
-        s.terrain,
-        t,
-        float(seen.t - seen.sensed_at),
-        (float(x), float(y)),
-        s.crowd.averaged[:known].copy(),
-        s.crowd.prediction[:known].copy(),
-        s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
-    )
+    now = t, float(seen.t - seen.sensed_at), (float(x), float(y))
+    tracks = s.crowd.averaged[:known].copy(), s.crowd.prediction[:known].copy()
+    segments = s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy()
+    snapshot = Snapshot(s.detours.without(s.context), s.settings, s.terrain, *now, *tracks, segments)
     if s.detours.is_cut_off(seen.xy, s.settings.colony.leg_cells):
         made = Decision("stuck", CUT_OFF, guard=s.did[0], pheromone=pheromone)
     else:

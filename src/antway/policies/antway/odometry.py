@@ -9,21 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.records import RobotLimits, RobotState
-from antway.kernels.robot.odometry import (
-    COMPARED,
-    HEADING,
-    LAST_X,
-    LAST_Y,
-    ODOMETRY,
-    PREDICTED_B,
-    A,
-    B,
-    T,
-    X,
-    Y,
-    chord,
-    middle_heading,
-)
+from antway.kernels.robot import odometry as kernel
+from antway.kernels.robot.odometry import HEADING, A, B, T, X, Y
 from antway.kernels.robot.response import Period, answered
 from antway.world.policy import Observation
 from antway.world.robots import RobotSpec
@@ -42,19 +29,19 @@ class Odometry:
 
     def __init__(self, robot: RobotSpec) -> None:
         self.wheels, self.measured = robot.wheels, True  # `measured`: the speeds that are measured are used
-        self.table = np.zeros(ODOMETRY)  # see kernels/robot/odometry.py
+        self.table = np.zeros(kernel.ODOMETRY)  # see kernels/robot/odometry.py
         self.turn_rate: float | None = None  # rad/s; as predicted; None while it is measured
         self.pause()
 
     def pause(self) -> None:
         """Compare nothing with the last observation: the next one comes too late."""
-        self.table[LAST_X] = math.nan
+        self.table[kernel.LAST_X] = math.nan
 
     def check(self, before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
         """Tell whether speeds turn out to be wrong; those of the observation `now` are then corrected."""
-        wrong, (error, between, predicted, compared) = False, self.table[: COMPARED + 1].tolist()
+        wrong, (error, between, predicted, compared) = False, self.table[: kernel.COMPARED + 1].tolist()
         if self.measured and compared >= _ENOUGH and error > 2.0 * min(between, predicted) + _SLIP * compared:
-            vx, vy = self.table[[LAST_X, LAST_Y]].tolist()
+            vx, vy = self.table[[kernel.LAST_X, kernel.LAST_Y]].tolist()
             if self.wheels:
                 now[A] = vx * math.cos(now[HEADING]) + vy * math.sin(now[HEADING])
             else:
@@ -69,7 +56,7 @@ class Odometry:
         if now[B] != 0.0 or before[B] != 0.0:
             return False
         turned = math.remainder(now[HEADING] - before[HEADING], math.tau)
-        asked = self.table[PREDICTED_B] * (now[T] - before[T])
+        asked = self.table[kernel.PREDICTED_B] * (now[T] - before[T])
         return bool(abs(turned) > _UNSEEN and abs(turned - asked) < abs(asked))
 
     def correct(self, period: Period, limits: RobotLimits) -> None:
@@ -83,9 +70,9 @@ class Odometry:
         passed, dx, dy = now[T] - before[T], now[X] - before[X], now[Y] - before[Y]
         predicted = answered(RobotState(0.0, 0.0, 0.0, before[A], before[B]), period, limits)
         if self.wheels:
-            middle = middle_heading(before, now)
+            middle = kernel.middle_heading(before, now)
             ahead = dx * math.cos(middle) + dy * math.sin(middle)
-            now[A] = predicted.a + (ahead - chord(predicted)) / passed
+            now[A] = predicted.a + (ahead - kernel.chord(predicted)) / passed
         else:
             now[A], now[B] = predicted.a + (dx - predicted.x) / passed, predicted.b + (dy - predicted.y) / passed
 

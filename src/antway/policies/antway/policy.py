@@ -23,6 +23,7 @@ from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.pheromone import window
 from antway.kernels.tracking.prediction_error import distrust
 from antway.planning import TimedPath
+from antway.policies.antway import state as states
 from antway.policies.antway.beside import Beside
 from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.controls import ControlColony
@@ -32,22 +33,7 @@ from antway.policies.antway.nodes import contexts_for, is_turned, on_cells, with
 from antway.policies.antway.rehearsal import rehearse
 from antway.policies.antway.response import Response, tops
 from antway.policies.antway.settings import make_settings
-from antway.policies.antway.state import (
-    Counted,
-    State,
-    adapt_settings,
-    carried_on,
-    full_and_careful,
-    laid_trails,
-    make_crowd,
-    make_memory,
-    make_plan,
-    make_trails,
-    other_times,
-    set_times,
-    shared_memory,
-    update_tracks,
-)
+from antway.policies.antway.state import Counted, State
 from antway.policies.antway.tracker import Tracker
 from antway.policies.antway.yielding import Yielding
 from antway.policies.guard import MODES, Guard, check_observation
@@ -183,7 +169,7 @@ class AntwayPolicy:
         """Go on at `t` s where `other` drives the same robot, with all that it knows and its guard, for the task of `reset`."""
         new, old, self.guard = self._state, other._state, other.guard
         own = {name: getattr(new, name) for name in ("surroundings", "terrain", "yielding")}
-        self.state = replace(carried_on(new, old), response=old.response, **own)
+        self.state = replace(states.carried_on(new, old), response=old.response, **own)
         self._suit_response(t)
 
     def _made(self, task: Task, seed: int, response: Response, heading: float) -> State:
@@ -193,7 +179,7 @@ class AntwayPolicy:
         (context, kept), narrow = contexts_for(fine, self.moves, heading)
         context, radius = (narrow[0], narrow[0].radius) if narrow else (context, robot.radius)
         settings = make_settings(self, task, radius)
-        paces = full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
+        paces = states.full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
         if not robot.stepwise:
             if self.distance_weight > 0.0:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
@@ -209,11 +195,11 @@ class AntwayPolicy:
             settings=settings,
             paces=paces,
             context=context,
-            memory=None if self._in_common else make_memory(cells),
-            trails=make_trails(cells),
-            plan=make_plan(),
+            memory=None if self._in_common else states.make_memory(cells),
+            trails=states.make_trails(cells),
+            plan=states.make_plan(),
             tracker=tracker,
-            crowd=make_crowd(task, len(tracker.table.rows)),
+            crowd=states.make_crowd(task),
             seed=seed,
             rng=make_state(seed, 0),
             response=response,
@@ -239,9 +225,9 @@ class AntwayPolicy:
             return
         found, self._beside = self._beside.result(), None
         if not isinstance(found, State):
-            set_times(self._state, *found)
+            states.set_times(self._state, *found)
             return
-        self.state = carried_on(found, self._state)
+        self.state = states.carried_on(found, self._state)
         if found.controls is not None:
             found.controls.set_spread(found.response.spread)
         if found.task.robot != found.response.robot:  # more has been learnt meanwhile
@@ -265,16 +251,19 @@ class AntwayPolicy:
         doubted = s.tracker.doubts_velocities
         observation = s.tracker.corrected(as_sensed)
         if s.tracker.doubts_velocities != doubted:  # predictions were from other velocities
-            s.crowd = make_crowd(s.task, len(s.crowd.people.rows))
-        update_tracks(s, observation, self.mode == "strict")
+            s.crowd = states.make_crowd(s.task)
+        states.update_tracks(s, observation, self.mode == "strict")
         if observation.sensed_at >= s.detours.due:
             self._look_for_detours(observation)
             s = self._state
         drive = self._follow_plan if s.controls is None else self._roll_out
         command, what = drive(observation)
         command = Command((0.0, 0.0)) if s.dance.stands(observation, s.task.robot.v_max, s.rng) else command
-        # Where the sensor gives no names, names are guesses, so a strict guard gets the observation without them.
-        command = self._guarded(as_sensed if self.mode == "strict" else observation, command)
+        if self.guard is not None:
+            others = None if s.controls is None else s.controls.others()
+            # Where the sensor gives no names, names are guesses, so a strict guard gets the observation without them.
+            seen = s.tracker.for_guard(as_sensed if self.mode == "strict" else observation)
+            command = self.guard.passed(seen, command, others)
         did = ("" if self.guard is None else self.guard.did), math.hypot(*(command.twist or command.velocity)) < _STANDS
         if what != KEPT or did != s.did or observation.t >= s.until:
             s.decision, s.until = None, math.inf
@@ -326,7 +315,7 @@ class AntwayPolicy:
         if (task := s.yielding.next_task(s.task, s.detours, t, o.xy)) is not s.task:
             self._compute_anew(o.t, task)
         elif counted is not None:
-            self._compute(o.t, partial(other_times, s, counted))
+            self._compute(o.t, partial(states.other_times, s, counted))
 
     def _follow_plan(self, o: Observation) -> tuple[Command, int]:
         """Plan; return the command that follows the plan, and what was done with the plan."""
@@ -355,22 +344,10 @@ class AntwayPolicy:
     def _plan(self, o: Observation, age: float) -> tuple[float, float, int]:
         """Predict and plan in one cycle of kernels/crossing.py, from estimates `age` s old; return what `cycle` returns."""
         s = self._state
-        adapt_settings(s, o.t, self.horizon)
-        return call(
-            cycle,
-            s.memory or self.memory(),
-            s.trails,
-            s.context,
-            s.terrain,
-            s.settings,
-            s.plan,
-            s.crowd,
-            s.tracker.estimates,
-            float(o.t),
-            float(age),
-            (float(o.xy[0]), float(o.xy[1])),
-            s.rng,
-        )
+        states.adapt_settings(s, o.t, self.horizon)
+        now = float(o.t), float(age), (float(o.xy[0]), float(o.xy[1]))
+        known = s.context, s.terrain, s.settings, s.plan, s.crowd, s.tracker.estimates, *now, s.rng
+        return call(cycle, s.memory or self.memory(), s.trails, *known)
 
     def _aside(self, o: Observation, age: float, command: XY) -> XY:
         """Return the velocity on the plan, or one beside the plan where people are near whose velocity may change."""
@@ -381,14 +358,6 @@ class AntwayPolicy:
         knots, at = s.plan.knots[: int(s.plan.state[KNOT_COUNT])], (float(o.xy[0]), float(o.xy[1]))
         averaged, dt = s.crowd.averaged[:known], s.settings.dt
         return call(sidestep, knots, float(o.t), float(age), at, command, averaged, s.context, dt)
-
-    def _guarded(self, o: Observation, command: Command) -> Command:
-        """Return the command that passes the guard."""
-        if self.guard is None:
-            return command
-        s = self._state
-        others = None if s.controls is None else s.controls.others()
-        return self.guard.passed(s.tracker.for_guard(o), command, others)
 
     def _planned(self) -> TimedPath | None:
         """Return a copy of the plan in use, or the path of the best ant in the space of controls."""
@@ -420,7 +389,7 @@ class AntwayPolicy:
 
     def memory(self) -> Memory:
         """Return the memory that the ants search in."""
-        return self._state.memory or shared_memory(self._state.context.rows * self._state.context.cols)
+        return self._state.memory or states.shared_memory(self._state.context.rows * self._state.context.cols)
 
     def use_common_memory(self) -> None:
         """Search from now on in the memory that all policies of a thread share; this is safe, as each search starts empty."""
@@ -444,4 +413,4 @@ class AntwayPolicy:
 
     def trails(self) -> LaidTrails:
         """Return the pheromone on moves between places, its maximum over all times of arrival."""
-        return laid_trails(self._state.trails, self._state.context)
+        return states.laid_trails(self._state.trails, self._state.context)

@@ -25,7 +25,7 @@ from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.detours import Detours, Times
 from antway.policies.antway.response import Response
-from antway.policies.antway.tracker import MOST_ROWS, ROWS, Tracker, longer, longer_table
+from antway.policies.antway.tracker import MOST_ROWS, Tracker
 from antway.policies.antway.yielding import Dance, Yielding
 from antway.policies.guard import relative_swerve
 from antway.world.ants import LaidTrails
@@ -36,7 +36,6 @@ _BIN = 0.5  # s; pheromone is kept for bins of arrival of this width
 _OUTSET = 0.5  # s; during this time after the start, the velocities of tracks are not known well yet
 _NEARBY = 3.0  # s; during the outset, the robot plans around predictions only up to this time ahead
 _WALKS = 0.3  # m/s; once a track was faster than this, the fastest observed speed is taken as the preferred speed of all
-_SEGMENTS = 48  # limit of motion segments of a track: the steps of its trajectory, the widths of its tube, four walls
 Paces = tuple[tuple[PlanningContext, float], ...]  # each with its stopping time, s
 
 
@@ -127,12 +126,12 @@ def make_trails(cells: int) -> Trails:
 def make_plan() -> PlanInUse:
     """Return the record of a plan, without one yet."""
     state = np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0])
-    return PlanInUse(np.empty((KNOTS, 3)), np.empty((most_segments(ROWS), 8)), state)
+    return PlanInUse(np.empty((KNOTS, 3)), np.empty((SEGMENTS, 8)), state)
 
 
-def make_crowd(task: Task, rows: int) -> Crowd:
-    """Return tables for predictions of so many tracks. The less obstacles may swerve, the less wrong they seem at first."""
-    error, weight = prediction_error.POOL
+def make_crowd(task: Task) -> Crowd:
+    """Return empty tables for predictions. The less obstacles may swerve, the less wrong predictions seem at first."""
+    rows, (error, weight) = MOST_ROWS, prediction_error.POOL
     return Crowd(
         people=make_table(rows, crowd.COLUMNS, ID),
         prediction=np.empty((rows, crowd.STEPS, 2)),
@@ -200,36 +199,9 @@ def full_and_careful(context: PlanningContext, stopping_time: float, robot: Robo
     return (context, stopping_time), (careful, robot.dt + slow / robot.a_max if guarded else 0.0)
 
 
-def most_segments(tracks: int) -> int:
-    """Return how many motion segments may be predicted of so many tracks."""
-    return min(_SEGMENTS * tracks, SEGMENTS)
-
-
-def fit_tables(s: State, tracks: int) -> None:
-    """Make the tables of tracks longer, up to MOST_ROWS, if the `tracks` of a scan and all known before might not fit."""
-    tracker, c = s.tracker, s.crowd
-    used = tracker.table.used, tracker.averages.used, c.people.used, c.stored.used
-    needed = max([one.item() for one in used]) + tracks
-    n = min(2 * needed, MOST_ROWS)
-    if needed <= len(tracker.table.rows) or n <= len(tracker.table.rows):
-        return
-    tracker.resize(n)
-    s.plan = s.plan._replace(segments=longer(s.plan.segments, most_segments(n)))
-    s.crowd = c._replace(
-        people=longer_table(c.people, n),
-        prediction=longer(c.prediction, n),
-        changes=longer(c.changes, n),
-        averaged=longer(c.averaged, n),
-        turning=c.turning._replace(table=longer_table(c.turning.table, n), rate=longer(c.turning.rate, n)),
-        stored=longer_table(c.stored, n),
-        velocity_error=longer(c.velocity_error, n),
-    )
-
-
 def update_tracks(s: State, o: Observation, strict: bool) -> None:
     """Update the track estimates with a scan."""
     t = o.sensed_at
-    fit_tables(s, len(o.tracks))
     s.tracker.update(o.tracks, t, s.terrain, o.xy, s.task.robot.sensor_range)
     s.tracker.compare(t, s.terrain, s.crowd.changes)
     estimates = s.tracker.estimates

@@ -15,7 +15,7 @@ from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V, VX, VY, 
 from antway.kernels.tracking.table import Table, make_table, rows_in_use
 from antway.world.policy import XY, Observation, Tracks
 
-ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
+MOST_ROWS = 256  # tracks that tables hold
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
 _NEAR = 0.8  # m; a track without an id is matched if it is nearer than this to its predicted place
 FIRST_OWN_ID = 2**52  # tracks without an id get one from here on; up to 2**53 floats hold all whole numbers
@@ -33,16 +33,16 @@ class Tracker:
 
     def __init__(self, strict: bool = False) -> None:
         self._strict = strict
-        self.table = make_table(ROWS, kalman.COLUMNS, ID)
-        self._estimates = np.zeros((ROWS, 8))
+        self.table = make_table(MOST_ROWS, kalman.COLUMNS, ID)
+        self._estimates = np.zeros((MOST_ROWS, 8))
         self.estimates = self._estimates[:0]  # of the tracks known after the last scan, as in kernels/tracking/predict.py
-        self.averages = make_table(ROWS, averages.COLUMNS)
+        self.averages = make_table(MOST_ROWS, averages.COLUMNS)
         # For kernels/tracking/noise.py.
         self._measured, self._noise = make_table(MOST_ROWS, noise.COLUMNS), np.zeros(noise.STATE)
         # The measurements last compared and their errors, for each span of kernels/tracking/reported.py.
         self._compared = [(make_table(MOST_ROWS, reported.COLUMNS), np.zeros(3), span) for span in reported.SPANS]
         self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
-        self._seen = make_table(ROWS, changes.COLUMNS)  # see kernels/tracking/changes.py
+        self._seen = make_table(MOST_ROWS, changes.COLUMNS)  # see kernels/tracking/changes.py
         self._has_velocities = True  # whether the sensor measured those of all tracks in the last scan
         self.doubts_velocities = False  # whether the reported velocities are not used, because they do not predict places
         self._forget()
@@ -103,8 +103,7 @@ class Tracker:
 
     def seen_at(self, t: float) -> NDArray[np.float64]:
         """Return the estimates of the tracks in the scan at time `t` s."""
-        seen: NDArray[np.float64] = self.estimates[self.last_seen == t]
-        return seen
+        return np.asarray(self.estimates[self.last_seen == t])
 
     def compare(self, t: float, terrain: Terrain, out: NDArray[np.float64]) -> None:
         """Write to `out` how velocities have changed up to the scan at time `t` s, and count the turns."""
@@ -122,11 +121,6 @@ class Tracker:
         """How often tracks turn, 1/s, and by how much on average, m/s."""
         seconds, number, change = self._turns.tolist()
         return number / seconds, change / max(number, 1.0)
-
-    def resize(self, rows: int) -> None:
-        """Make the tables so long."""
-        self._estimates = longer(self._estimates, rows)
-        self.table, self.averages, self._seen = (longer_table(table, rows) for table in (self.table, self.averages, self._seen))
 
     def _variances(self, tracks: Tracks, t: float) -> NDArray[np.float64]:
         """Return the variances of places (m^2) and velocities (m^2/s^2) as the filter takes them, float64[K, 2]."""
@@ -246,13 +240,3 @@ def _doubtful(gap: NDArray[np.float64], same: NDArray[np.bool_]) -> NDArray[np.b
     own = own.min(axis=0, initial=math.inf)
     doubtful: NDArray[np.bool_] = ~same.any(axis=0) | (own > kalman.FAR) & (np.minimum(known, seen) <= 0.5 * own)
     return doubtful
-
-
-def longer(table: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
-    """Return a copy of a table with so many rows; the new ones are zero."""
-    return np.concatenate((table, np.zeros((rows - len(table), *table.shape[1:]))))
-
-
-def longer_table(table: Table, rows: int) -> Table:
-    """Return a copy of a table of kernels/tracking/table.py with so many rows."""
-    return table._replace(rows=longer(table.rows, rows))

@@ -384,11 +384,9 @@ class PaperPolicy:
         seen, tracks, spec = ahead.seen, ahead.seen.tracks, self.spec
         aim = self.nodes[0].tolist()
         to_aim = math.dist(seen.xy, aim)
-        velocity = (
-            ((aim[0] - seen.xy[0]) / to_aim * spec.v_max, (aim[1] - seen.xy[1]) / to_aim * spec.v_max)
-            if to_aim
-            else seen.velocity
-        )
+        velocity = seen.velocity
+        if to_aim:
+            velocity = (aim[0] - seen.xy[0]) / to_aim * spec.v_max, (aim[1] - seen.xy[1]) / to_aim * spec.v_max
         (x, y), (vx, vy) = tracks.xy[obstacle].tolist(), ahead.velocity[obstacle].tolist()
         time, distance = closest_approach(seen.xy, velocity, (x, y), (vx, vy))
         colony = None if detour is None else detour.found
