@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from antway.kernels.base import records
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import Predictions, Terrain
 from antway.kernels.base.rng import State
@@ -64,22 +62,22 @@ class Crowd(NamedTuple):
     """Estimates and predictions of obstacles; kernels/tracking/crowd.py predicts people who avoid one another."""
 
     people: Table  # [M, crowd.COLUMNS]
-    prediction: NDArray[np.float64]  # [M, STEPS, 2] m/s; predicted velocities
-    changes: NDArray[np.float64]  # [M, 4] how velocities have changed, see kernels/tracking/changes.py
-    averaged: NDArray[np.float64]  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
+    prediction: Floats  # [M, STEPS, 2] m/s; predicted velocities
+    changes: Floats  # [M, 4] how velocities have changed, see kernels/tracking/changes.py
+    averaged: Floats  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
     turning: Turning
     stored: Table  # [M, prediction_error.COLUMNS] stored predictions and their errors
-    pool: NDArray[np.float64]  # [2] errors of all tracks together, see kernels/tracking/prediction_error.py
-    missed: NDArray[np.int64]  # [1] number of predictions of all tracks that missed
-    velocity_error: NDArray[np.float64]  # [M] m/s; standard deviation of the predicted velocity of each track
+    pool: Floats  # [2] errors of all tracks together, see kernels/tracking/prediction_error.py
+    missed: Ints  # [1] number of predictions of all tracks that missed
+    velocity_error: Floats  # [M] m/s; standard deviation of the predicted velocity of each track
 
 
 class PlanInUse(NamedTuple):
     """The plan in use, and the prediction against which it was last tested."""
 
-    knots: NDArray[np.float64]  # [N, 3] rows (t, x, y)
-    segments: NDArray[np.float64]  # [P, 8]
-    state: NDArray[np.float64]  # [7] see KNOT_COUNT and the others above
+    knots: Floats  # [N, 3] rows (t, x, y)
+    segments: Floats  # [P, 8]
+    state: Floats  # [7] see KNOT_COUNT and the others above
 
 
 class _Cycle(NamedTuple):
@@ -89,8 +87,8 @@ class _Cycle(NamedTuple):
     terrain: Terrain
     settings: Settings
     plan: PlanInUse
-    estimates: NDArray[np.float64]  # [K, 8] with the velocities and errors that are predicted
-    trajectories: NDArray[np.float64]  # [K, STEPS, 2] m/s; predicted velocities
+    estimates: Floats  # [K, 8] with the velocities and errors that are predicted
+    trajectories: Floats  # [K, STEPS, 2] m/s; predicted velocities
     now: float  # s
     age: float  # s, of the estimates
     x: float  # m, of the robot
@@ -120,7 +118,7 @@ def _as_predicted(c: _Cycle) -> bool:
 
 
 @inner_kernel
-def _predict(c: _Cycle, margins: TubeMargins, out: NDArray[np.float64]) -> int:
+def _predict(c: _Cycle, margins: TubeMargins, out: Floats) -> int:
     """Write the motion segments of the obstacles in tubes with these margins to `out`; return how many there are."""
     return predict(c.estimates, c.now, c.age, c.settings.horizon, c.x, c.y, margins, c.terrain, c.trajectories, out)
 
@@ -229,13 +227,7 @@ def _distance_cost(c: _Cycle) -> float:
 
 @kernel
 def _replan(
-    memory: Memory,
-    trails: Trails,
-    c: _Cycle,
-    predictions: Predictions,
-    valid: bool,
-    most_delay: float,
-    state: State,
+    memory: Memory, trails: Trails, c: _Cycle, predictions: Predictions, valid: bool, most_delay: float, state: State
 ) -> int:
     """Search for a plan better than the one in use, which may be `valid`; return what was done with the plan.
 
@@ -281,7 +273,7 @@ def cycle(
     settings: Settings,
     plan: PlanInUse,
     crowd: Crowd,
-    estimates: NDArray[np.float64],
+    estimates: Floats,
     now: float,
     age: float,
     xy: tuple[float, float],

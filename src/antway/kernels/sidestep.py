@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import kernel
 from antway.kernels.spacetime.context import PlanningContext, clear
 from antway.kernels.spacetime.motion import place_at
@@ -24,9 +24,9 @@ _LOGISTIC = 1.7  # 1; 1 / (1 + exp(1.7 z)) approximates the chance that a standa
 
 @kernel
 def chance_of_contact(
-    places: NDArray[np.float64],
+    places: Floats,
     aside: tuple[float, float],
-    estimates: NDArray[np.float64],
+    estimates: Floats,
     age: float,
     radius: float,
     enough: float,
@@ -66,12 +66,12 @@ def chance_of_contact(
 
 @kernel
 def sidestep(
-    knots: NDArray[np.float64],
+    knots: Floats,
     now: float,
     age: float,
     xy: tuple[float, float],
     command: tuple[float, float],
-    estimates: NDArray[np.float64],
+    estimates: Floats,
     context: PlanningContext,
     dt: float,
 ) -> tuple[float, float]:

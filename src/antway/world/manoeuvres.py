@@ -10,17 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.records import RobotLimits
 
 _EDGE = 60  # nodes from the middle of the tables to their edges
 _NODES = 20  # nodes in a turning radius
 _LENGTHS = 24  # number of lengths of the first piece, up to half of a turn
 
-Array = NDArray[np.float64]
-
 
 @lru_cache(16)
-def manoeuvre_losses(robot: RobotLimits, tolerance: float) -> tuple[NDArray[np.float32], Array]:
+def manoeuvre_losses(robot: RobotLimits, tolerance: float) -> tuple[NDArray[np.float32], Floats]:
     """Return what a car at rest near its goal loses to manoeuvres, in s, and the frame: `StaticField.manoeuvre`.
 
     This is the difference of `manoeuvre_times` from what ramps and one turn take (`lost_time`, kernels/controls/rollout.py). It
@@ -43,7 +42,7 @@ def manoeuvre_losses(robot: RobotLimits, tolerance: float) -> tuple[NDArray[np.f
     return (weight * lost).astype(np.float32), np.array([-_EDGE * node, -_EDGE * node, 1.0 / node, robot.v_max])
 
 
-def manoeuvre_times(robot: RobotLimits, tolerance: float) -> Array:
+def manoeuvre_times(robot: RobotLimits, tolerance: float) -> Floats:
     """Return how long a car at rest needs to a goal at each node of a square around it, where nothing is in the way, s.
 
     It drives a straight line or an arc of its turning radius, and then an arc and a straight line to within `tolerance` m of
@@ -78,7 +77,7 @@ def _turn(robot: RobotLimits, speed: float) -> float:
     return max(robot.turning_radius, speed / robot.turn_rate)
 
 
-def _arc_and_line(x: Array, y: Array, radius: float, turn: float) -> Array:
+def _arc_and_line(x: Floats, y: Floats, radius: float, turn: float) -> Floats:
     """Return the length of the shorter arc and line to (x, y) in the car's frame, y >= 0, `turn` m a radian; or infinity, m."""
     best = np.full(x.shape, np.inf)
     for left in (y, -y):  # with an arc to the left, and with one to the right
@@ -90,7 +89,7 @@ def _arc_and_line(x: Array, y: Array, radius: float, turn: float) -> Array:
     return best
 
 
-def _from_rest(length: Array, speed: float, robot: RobotLimits) -> Array:
+def _from_rest(length: Floats, speed: float, robot: RobotLimits) -> Floats:
     """Return how long a robot takes from rest for a length in m, s."""
     top = np.minimum(speed, np.sqrt(2.0 * robot.a_max * np.maximum(length, 1e-9)))
     return length / top + 0.5 * top / robot.a_max

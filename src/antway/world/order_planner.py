@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from antway.errors import BadParameter
 from antway.grid import Cell, Grid
+from antway.kernels.base.arrays import Floats
 from antway.kernels.colony.held_karp import earliest_of_few
 from antway.search.distance_field import distance_field
 from antway.tours.distances import stop_distances
@@ -28,8 +28,6 @@ LESS_LATE = 0.5  # s; by how much lateness has to change before the robot takes 
 EARLIER = 3.0  # s; by how much the end has to change before the robot takes another order, if neither is late
 _FAR = 1e9  # m; length of a path that does not exist, where only its change counts
 _UNREACHABLE = 1e6  # s; travel time in place of an infinite one, for the search
-
-Floats = NDArray[np.float64]
 
 
 class OrderOutlook(NamedTuple):

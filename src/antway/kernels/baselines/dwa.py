@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import hits_walls, segment_hits_cells, swept_discs
 from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import RobotLimits, RobotState, Terrain
@@ -20,21 +18,21 @@ _ROUGH = 1e-5  # m; bound on the error of places after a few periods
 class Obstacles(NamedTuple):
     """K obstacles that keep their velocities."""
 
-    xy: NDArray[np.float64]  # float64[K, 2], m; present places
-    velocity: NDArray[np.float64]  # float64[K, 2], m/s
-    contact_radius: NDArray[np.float64]  # float64[K], m; distance of the robot's centre at contact
+    xy: Floats  # float64[K, 2], m; present places
+    velocity: Floats  # float64[K, 2], m/s
+    contact_radius: Floats  # float64[K], m; distance of the robot's centre at contact
 
 
 @kernel
 def roll_out(
-    candidates: NDArray[np.float64],
+    candidates: Floats,
     state: RobotState,
     limits: RobotLimits,
     dt: float,
     steps: int,
     terrain: Terrain,
     obstacles: Obstacles,
-    out: NDArray[np.float64],
+    out: Floats,
 ) -> None:
     """Drive each candidate velocity, m/s, for `steps` control periods of `dt` s, or to the first contact.
 
@@ -77,7 +75,7 @@ def _first_contact(x: float, y: float, vx: float, vy: float, t: float, dt: float
 
 @kernel
 def roll_out_twists(
-    candidates: NDArray[np.float64],
+    candidates: Floats,
     state: RobotState,
     limits: RobotLimits,
     dt: float,
@@ -85,7 +83,7 @@ def roll_out_twists(
     aim: int,
     terrain: Terrain,
     obstacles: Obstacles,
-    out: NDArray[np.float64],
+    out: Floats,
 ) -> None:
     """Drive each candidate twist for `steps` control periods, or to the first contact, by the dynamics of wheels with ramps.
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State
 from antway.kernels.controls.abreast import judge_all
@@ -23,12 +21,12 @@ class Sampling(NamedTuple):
     spread_a: float  # standard deviation of the speed, or of the velocity's x and y, m/s
     spread_b: float  # standard deviation of the turn rate, rad/s, or of the velocity's x and y, m/s
     temperature: float  # s
-    drawn: NDArray[np.float64]  # [K, S, 2]
-    cost: NDArray[np.float64]  # [K] s
+    drawn: Floats  # [K, S, 2]
+    cost: Floats  # [K] s
 
 
 @kernel
-def path_integral(nominal: NDArray[np.float64], sampling: Sampling, problem: ControlProblem, state: State) -> None:
+def path_integral(nominal: Floats, sampling: Sampling, problem: ControlProblem, state: State) -> None:
     """Replace `nominal`, float64[S, 2], by the mean of its noisy copies, each with the weight exp(-cost / temperature).
 
     One copy is without noise and one is a stop.

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import inner_kernel, kernel
 
 FREE, CLOSED, TARGET = 0, 1, 2
@@ -19,9 +20,7 @@ DIAGONAL = 1.0 / math.sqrt(2.0)
 
 
 @kernel
-def stamp(
-    kind: NDArray[np.uint8], frame: NDArray[np.float64], xy: NDArray[np.float64], contact_radius: NDArray[np.float64]
-) -> None:
+def stamp(kind: NDArray[np.uint8], frame: Floats, xy: Floats, contact_radius: Floats) -> None:
     """Close the free cells whose centres are nearer than `contact_radius[k]` to `xy[k]`, float64[K] and float64[K, 2], m.
 
     `frame` is x and y of the corner of the map, rim included, and the edge of a cell, float64[3], m.
@@ -37,7 +36,7 @@ def stamp(
 
 @kernel
 def shunt(
-    x: NDArray[np.float64],
+    x: Floats,
     kind: NDArray[np.uint8],
     decay: float,
     upper: float,
@@ -70,7 +69,7 @@ def shunt(
 
 
 @kernel
-def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], slope: float, diagonal: float, order: int) -> float:
+def relax(x: Floats, kind: NDArray[np.uint8], slope: float, diagonal: float, order: int) -> float:
     """Set each cell to `slope` times its neighbours' sum, diagonal ones `diagonal` times; targets to 1, closed cells to 0.
 
     The parameters are those of `shunt`; 0 < slope < 1 / (4 + 4 diagonal) keeps activity within [0, 1].
@@ -90,7 +89,7 @@ def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], slope: float, diagona
 
 
 @inner_kernel
-def _set(x: NDArray[np.float64], row: int, col: int, new: float) -> float:
+def _set(x: Floats, row: int, col: int, new: float) -> float:
     """Set one activity, and return its change relative to the larger of both values."""
     old: float = x[row, col]
     if new == old:
@@ -100,7 +99,7 @@ def _set(x: NDArray[np.float64], row: int, col: int, new: float) -> float:
 
 
 @kernel
-def _around(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int, weight: float) -> float:
+def _around(x: Floats, kind: NDArray[np.uint8], row: int, col: int, weight: float) -> float:
     """Return the sum of the positive activities of the neighbours; diagonal ones count `weight` times, if `_linked`."""
     straight = max(x[row - 1, col], 0.0) + max(x[row, col - 1], 0.0) + max(x[row, col + 1], 0.0) + max(x[row + 1, col], 0.0)
     diagonal = 0.0
@@ -118,7 +117,7 @@ def _linked(kind: NDArray[np.uint8], row: int, col: int, r: int, c: int) -> bool
 
 
 @kernel
-def ascend(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int, steps: int) -> NDArray[np.int64]:
+def ascend(x: Floats, kind: NDArray[np.uint8], row: int, col: int, steps: int) -> Ints:
     """Go from cell to most active neighbour for at most `steps` steps, or until no neighbour is more active.
 
     Returns the cells after the first, int64[N, 2]; empty if no neighbour is active and more active than the cell.

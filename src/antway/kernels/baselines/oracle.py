@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import hits_walls
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import Terrain, Trajectories
@@ -14,9 +12,7 @@ from antway.kernels.tracking.tubes import first_met
 
 
 @kernel
-def first_contact(
-    t: NDArray[np.float64], xy: NDArray[np.float64], robot_radius: float, terrain: Terrain, trajectories: Trajectories
-) -> float:
+def first_contact(t: Floats, xy: Floats, robot_radius: float, terrain: Terrain, trajectories: Trajectories) -> float:
     """Return when, s, a robot at `xy[i]` m at `t[i]` s touches a disc or starts a leg into a wall or an edge; else infinity."""
     for i in range(len(t) - 1):
         ax, ay, bx, by = xy[i, 0], xy[i, 1], xy[i + 1, 0], xy[i + 1, 1]

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import kernel
 
 NEAREST = 1e-3  # m; smaller distances count as this, so that forces stay finite
@@ -14,13 +15,7 @@ NEAREST = 1e-3  # m; smaller distances count as this, so that forces stay finite
 
 @kernel
 def wall_force(
-    label: NDArray[np.int32],
-    frame: NDArray[np.float64],
-    x: float,
-    y: float,
-    radius: float,
-    influence: float,
-    near: NDArray[np.float64],
+    label: NDArray[np.int32], frame: Floats, x: float, y: float, radius: float, influence: float, near: Floats
 ) -> tuple[float, float, float]:
     """Return the repulsion of a disc from walls, for a gain of 1; each wall acts from its nearest point.
 
@@ -67,9 +62,9 @@ def disc_force(
     radius: float,
     brake: float,
     influence: float,
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    radii: NDArray[np.float64],
+    xy: Floats,
+    velocity: Floats,
+    radii: Floats,
 ) -> tuple[float, float, int]:
     """Return the repulsion of a disc from moving discs, for a gain of 1, by distance and relative velocity.
 

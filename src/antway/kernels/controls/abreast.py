@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.afterwards import cost_afterwards
@@ -37,19 +38,19 @@ _TOO_DEAR, _AT_GOAL, _BRAKES = 1, 2, 4  # values of EVENT, which are added up
 
 
 @inner_kernel
-def rollout_state(value: NDArray[np.float64], i: int) -> MotionState:
+def rollout_state(value: Floats, i: int) -> MotionState:
     """Return the motion state of rollout i."""
     return MotionState(value[X + i], value[Y + i], value[COS + i], value[SIN + i], value[A + i], value[B + i])
 
 
 @inner_kernel
-def set_rollout(value: NDArray[np.float64], i: int, at: MotionState) -> None:
+def set_rollout(value: Floats, i: int, at: MotionState) -> None:
     """Write the motion state of rollout i."""
     value[X + i], value[Y + i], value[COS + i], value[SIN + i], value[A + i], value[B + i] = at
 
 
 @inner_kernel
-def drive(value: NDArray[np.float64], n: int, limits: RobotLimits, dt: float) -> None:
+def drive(value: Floats, n: int, limits: RobotLimits, dt: float) -> None:
     """Drive the first n rollouts for a period by their commands."""
     for i in range(n):
         at = rollout_state(value, i)
@@ -58,7 +59,7 @@ def drive(value: NDArray[np.float64], n: int, limits: RobotLimits, dt: float) ->
 
 
 @inner_kernel
-def _sample(value: NDArray[np.float64], n: int, field: NDArray[np.float32], frame: NDArray[np.float64]) -> None:
+def _sample(value: Floats, n: int, field: NDArray[np.float32], frame: Floats) -> None:
     """Write to SAMPLE what `sample` returns for each of the first n rollouts."""
     x, y, nodes = frame[0], frame[1], frame[2]
     right, top = field.shape[1] - 1.001, field.shape[0] - 1.001
@@ -78,7 +79,7 @@ def _sample(value: NDArray[np.float64], n: int, field: NDArray[np.float32], fram
 
 
 @inner_kernel
-def wall_distances(value: NDArray[np.float64], n: int, problem: ControlProblem, enough: float) -> None:
+def wall_distances(value: Floats, n: int, problem: ControlProblem, enough: float) -> None:
     """Write to WALL what `clearance` returns for the first n rollouts; `clearance_within` for footprints without wheels.
 
     Robots with wheels go along their heading, and pass narrow corridors sooner without it.
@@ -97,7 +98,7 @@ def wall_distances(value: NDArray[np.float64], n: int, problem: ControlProblem, 
 
 
 @inner_kernel
-def times_to_go(value: NDArray[np.float64], n: int, field: StaticField) -> None:
+def times_to_go(value: Floats, n: int, field: StaticField) -> None:
     """Write to TO_GO and TURNING what `time_to_go` and `turning_loss` return for each of the first n rollouts."""
     _sample(value, n, field.time, field.time_frame)
     for i in range(n):
@@ -108,7 +109,7 @@ def times_to_go(value: NDArray[np.float64], n: int, field: StaticField) -> None:
 
 
 @inner_kernel
-def _count_near(value: NDArray[np.float64], n: int, k: int, problem: ControlProblem) -> None:
+def _count_near(value: Floats, n: int, k: int, problem: ControlProblem) -> None:
     """Write to HARM how many obstacles can cost each of the first n rollouts anything in step k, but for its stop."""
     outlook, dt, has_box = problem.outlook, problem.dt, len(problem.field.discs) > 0
     for i in range(n):
@@ -140,7 +141,7 @@ def obstacle_costs(batch: Batch, n: int, k: int, decay: float, problem: ControlP
 
 
 @inner_kernel
-def _wall_costs(value: NDArray[np.float64], n: int, decay: float, problem: ControlProblem) -> None:
+def _wall_costs(value: Floats, n: int, decay: float, problem: ControlProblem) -> None:
     """Add to SPENT what walls cost in a step."""
     w = problem.weights
     margin, width, firm, soft = w.wall_margin, w.wall_range, w.wall * decay, w.wall_risk * problem.dt * decay
@@ -154,7 +155,7 @@ def _wall_costs(value: NDArray[np.float64], n: int, decay: float, problem: Contr
 
 
 @inner_kernel
-def _time_costs(value: NDArray[np.float64], n: int, k: int, left: int, limit: float, problem: ControlProblem) -> int:
+def _time_costs(value: Floats, n: int, k: int, left: int, limit: float, problem: ControlProblem) -> int:
     """Write to VALUE, WITH_VALUE and EVENT what the time to go costs in step k and what happens; return the sum of events."""
     plan, goal, dt = problem.outlook.plan, problem.field.goal, problem.dt
     off_plan, progress = problem.weights.off_plan, problem.weights.progress
@@ -194,7 +195,7 @@ def _start(n: int, batch: Batch, problem: ControlProblem) -> None:
 
 
 @inner_kernel
-def _commands(sequences: NDArray[np.float64], k: int, batch: Batch, n: int) -> None:
+def _commands(sequences: Floats, k: int, batch: Batch, n: int) -> None:
     """Write the commands of step k; a robot that has reached the goal brakes."""
     value = batch.value
     for i in range(n):
@@ -204,7 +205,7 @@ def _commands(sequences: NDArray[np.float64], k: int, batch: Batch, n: int) -> N
 
 
 @inner_kernel
-def _end(cost: NDArray[np.float64], n: int, k: int, left: int, decay: float, limit: float, problem: ControlProblem) -> int:
+def _end(cost: Floats, n: int, k: int, left: int, decay: float, limit: float, problem: ControlProblem) -> int:
     """Write the costs of the rollouts that end with step k, and return how many go on."""
     limits, dt, field, w, batch = problem.limits, problem.dt, problem.field, problem.weights, problem.batch
     value, to = batch.value, 0
@@ -240,7 +241,7 @@ def _end(cost: NDArray[np.float64], n: int, k: int, left: int, decay: float, lim
 
 
 @bare_kernel
-def _judge_abreast(sequences: NDArray[np.float64], problem: ControlProblem, limit: float, cost: NDArray[np.float64]) -> None:
+def _judge_abreast(sequences: Floats, problem: ControlProblem, limit: float, cost: Floats) -> None:
     """Do as `judge_all` does, for at most BATCH sequences."""
     _, limits, dt, field, outlook, w, batch = problem
     value, n, steps = batch.value, len(sequences), sequences.shape[1]
@@ -274,7 +275,7 @@ def _judge_abreast(sequences: NDArray[np.float64], problem: ControlProblem, limi
 
 
 @bare_kernel
-def judge_all(sequences: NDArray[np.float64], problem: ControlProblem, limit: float, cost: NDArray[np.float64]) -> None:
+def judge_all(sequences: Floats, problem: ControlProblem, limit: float, cost: Floats) -> None:
     """Compute the cost of each sequence of controls, s; it is infinite if it is sure to be above `limit`, which may be so, too.
 
     `sequences`, float64[N, S, 2], are speed and turn rate, or the velocity's x and y, commanded in each period; `cost`,

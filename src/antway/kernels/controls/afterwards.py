@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.lookup import sample, slope
@@ -26,7 +24,7 @@ _STAND = len(_MOTIONS)
 
 
 @inner_kernel
-def _none_near(x: float, y: float, n: int, beyond: NDArray[np.float64]) -> bool:
+def _none_near(x: float, y: float, n: int, beyond: Floats) -> bool:
     """Tell whether a robot at (x, y) is as far from all `n` obstacles as `beyond` says; the loop compares several at once."""
     near = 0
     for i in range(n):
@@ -36,7 +34,7 @@ def _none_near(x: float, y: float, n: int, beyond: NDArray[np.float64]) -> bool:
 
 
 @bare_kernel
-def cost_afterwards(at: MotionState, problem: ControlProblem, decay: float, costs: NDArray[np.float64], limit: float) -> float:
+def cost_afterwards(at: MotionState, problem: ControlProblem, decay: float, costs: Floats, limit: float) -> float:
     """Return what obstacles cost a robot after it is `at` the end of a rollout, s, or `limit` if it is more.
 
     Each of nine motions costs the time that it loses, and for each obstacle the risk of contact where it is nearest, as far as

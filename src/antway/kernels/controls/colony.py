@@ -10,8 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.base.rng import State, next_bits, uniform
@@ -27,13 +27,13 @@ _UNKNOWN = -1.0  # first entry of a spread that has not been computed in this ro
 class Archive(NamedTuple):
     """Sequences of controls in fixed slots, and their order by cost."""
 
-    sequence: NDArray[np.float64]  # [K, S, 2]
-    cost: NDArray[np.float64]  # [K] s
-    order: NDArray[np.int64]  # [K] slots, best first
-    spread: NDArray[np.float64]  # [K, B, 2] mean distance of a sequence to the others, by block
-    used: NDArray[np.int64]  # [1] number of slots in use
-    ants: NDArray[np.float64]  # [N, S, 2] sequences that are drawn and judged abreast
-    ant_cost: NDArray[np.float64]  # [N] s
+    sequence: Floats  # [K, S, 2]
+    cost: Floats  # [K] s
+    order: Ints  # [K] slots, best first
+    spread: Floats  # [K, B, 2] mean distance of a sequence to the others, by block
+    used: Ints  # [1] number of slots in use
+    ants: Floats  # [N, S, 2] sequences that are drawn and judged abreast
+    ant_cost: Floats  # [N] s
     block: int  # number of steps that share a draw
 
 
@@ -117,9 +117,9 @@ def shift(archive: Archive) -> None:
 
 @inner_kernel
 def vary(
-    out: NDArray[np.float64],
-    guide: NDArray[np.float64],
-    deviation: NDArray[np.float64],
+    out: Floats,
+    guide: Floats,
+    deviation: Floats,
     factor: float,
     least: tuple[float, float],
     block: int,

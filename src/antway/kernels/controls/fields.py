@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.controls.lookup import clearance
 from antway.kernels.controls.motion import MotionState
@@ -22,7 +23,7 @@ _SIDES = 3.0  # cells; times on two sides of one wall cell differ by at most the
 
 
 @kernel
-def wall_distance(blocked: NDArray[np.bool_], resolution: float, factor: int) -> NDArray[np.float32]:
+def wall_distance(blocked: Bools, resolution: float, factor: int) -> NDArray[np.float32]:
     """Return the exact distance from each node of a lattice to the nearest blocked cell (closed square) or map edge, m.
 
     The lattice has `factor` nodes along the edge of a cell, and its first node is at the corner of the map. The point of a
@@ -49,7 +50,7 @@ def wall_distance(blocked: NDArray[np.bool_], resolution: float, factor: int) ->
 
 
 @kernel
-def _envelope(line: NDArray[np.float64], at: NDArray[np.int64], value: NDArray[np.float64], edge: NDArray[np.float64]) -> None:
+def _envelope(line: Floats, at: Ints, value: Floats, edge: Floats) -> None:
     """Replace f(q) by the minimum over p of (p - q)^2 + f(p), the lower envelope of parabolas."""
     n = len(line)
     k = 0
@@ -74,7 +75,7 @@ def _envelope(line: NDArray[np.float64], at: NDArray[np.int64], value: NDArray[n
 
 
 @kernel
-def beyond_walls(field: NDArray[np.float64], step: float, layers: int) -> NDArray[np.float32]:
+def beyond_walls(field: Floats, step: float, layers: int) -> NDArray[np.float32]:
     """Extend a field of times into walls, where it is infinite, by `step` s a cell, so that it can be interpolated near them.
 
     The extensions from the two sides of a thin wall may meet with very different times. There the later side is extended,
@@ -101,7 +102,7 @@ def beyond_walls(field: NDArray[np.float64], step: float, layers: int) -> NDArra
 
 
 @inner_kernel
-def _beside(times: NDArray[np.float64], i: int, j: int, step: float) -> float:
+def _beside(times: Floats, i: int, j: int, step: float) -> float:
     """Return the time of cell (i, j) in a wall by its neighbours, `step` s a cell; infinite if none of them has a time."""
     low, high = math.inf, -math.inf
     for r in range(max(i - 1, 0), min(i + 2, times.shape[0])):
@@ -112,9 +113,7 @@ def _beside(times: NDArray[np.float64], i: int, j: int, step: float) -> float:
 
 
 @kernel
-def fitting_poses(
-    field: StaticField, frame: NDArray[np.float64], headings: int, rows: int, cols: int, slack: float
-) -> NDArray[np.bool_]:
+def fitting_poses(field: StaticField, frame: Floats, headings: int, rows: int, cols: int, slack: float) -> Bools:
     """Tell of each heading and cell whether the robot's body is in no wall by more than `slack` m, bool[headings, rows, cols].
 
     `frame` is that of the cells' centres, as in `StaticField`, and heading k is 2 pi k / headings, rad.
@@ -131,8 +130,8 @@ def fitting_poses(
 
 @kernel
 def turning_times(
-    times: NDArray[np.float64], fits: NDArray[np.bool_], size: float, radius: float, v_max: float, v_reverse: float, sweeps: int
-) -> NDArray[np.float64]:
+    times: Floats, fits: Bools, size: float, radius: float, v_max: float, v_reverse: float, sweeps: int
+) -> Floats:
     """Return the time to the goal from each cell and heading for a car that goes straight or turns at its turning radius, s.
 
     `times`, float64[H, W], are those of a robot that turns in no time, infinite where its centre cannot be, and 0 at the goal.
@@ -179,7 +178,7 @@ def turning_times(
 
 
 @kernel
-def _steps_of_car(headings: int, size: float, radius: float, v_max: float, v_reverse: float) -> NDArray[np.float64]:
+def _steps_of_car(headings: int, size: float, radius: float, v_max: float, v_reverse: float) -> Floats:
     """Return the steps of a car in each heading, float64[headings, 6, 4]: next heading, rows, columns, and duration in s.
 
     They lead right, straight and left, each forward and in reverse; the parameters are those of `turning_times`.
@@ -197,7 +196,7 @@ def _steps_of_car(headings: int, size: float, radius: float, v_max: float, v_rev
 
 
 @inner_kernel
-def _leads_over_free(times: NDArray[np.float64], k: int, r: int, c: int, step: NDArray[np.float64]) -> bool:
+def _leads_over_free(times: Floats, k: int, r: int, c: int, step: Floats) -> bool:
     """Tell whether a step from a cell in heading k crosses only poses with a time, tested once in a cell.
 
     Its first half is tested in heading k, and its second half in the heading at its end.
@@ -214,7 +213,7 @@ def _leads_over_free(times: NDArray[np.float64], k: int, r: int, c: int, step: N
 
 
 @inner_kernel
-def _between(times: NDArray[np.float64], y: float, x: float) -> float:
+def _between(times: Floats, y: float, x: float) -> float:
     """Return the time at row y and column x, interpolated between those of four cells that are free; the nearest is."""
     i, j = min(int(y), times.shape[0] - 2), min(int(x), times.shape[1] - 2)
     u, w, total, weight = y - i, x - j, 0.0, 0.0

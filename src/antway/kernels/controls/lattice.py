@@ -11,8 +11,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
@@ -37,25 +37,25 @@ _TOUCHES = -1  # value of DONE
 class Lattice(NamedTuple):
     """Commands to choose from, and memory for a search over them."""
 
-    held: NDArray[np.float64]  # [M, 2] speed and turn rate, or vx and vy, held for a whole arc
-    node: NDArray[np.float64]  # [N, 7] state at the end of an arc
-    link: NDArray[np.int64]  # [N, 3]
-    command: NDArray[np.float64]  # [N, B, 2] command in each period of the arc
-    heap: NDArray[np.float64]  # [N, 2] lower bound on the time to the goal through the node, s, and the node
-    key: NDArray[np.int64]  # [H, 2] hash table of the poses: the pose's key, and the number of the search
-    least: NDArray[np.float64]  # [H] least lower bound of the pose, s
-    search: NDArray[np.int64]  # [1] number of the last search
+    held: Floats  # [M, 2] speed and turn rate, or vx and vy, held for a whole arc
+    node: Floats  # [N, 7] state at the end of an arc
+    link: Ints  # [N, 3]
+    command: Floats  # [N, B, 2] command in each period of the arc
+    heap: Floats  # [N, 2] lower bound on the time to the goal through the node, s, and the node
+    key: Ints  # [H, 2] hash table of the poses: the pose's key, and the number of the search
+    least: Floats  # [H] least lower bound of the pose, s
+    search: Ints  # [1] number of the last search
     expansions: int  # most nodes that are expanded
 
 
 @inner_kernel
-def _state_at(row: NDArray[np.float64]) -> MotionState:
+def _state_at(row: Floats) -> MotionState:
     """Return the motion state of a node."""
     return MotionState(row[X], row[Y], row[COS], row[SIN], row[SPEED], row[SPIN])
 
 
 @inner_kernel
-def _store(row: NDArray[np.float64], at: MotionState, cost: float) -> None:
+def _store(row: Floats, at: MotionState, cost: float) -> None:
     """Write a node."""
     row[X], row[Y], row[COS], row[SIN], row[SPEED], row[SPIN] = at
     row[COST] = cost
@@ -142,7 +142,7 @@ def _better(lattice: Lattice, node: int, bound: float, limits: RobotLimits, long
 
 
 @bare_kernel
-def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProblem) -> float:
+def best_arcs(ant: Floats, lattice: Lattice, problem: ControlProblem) -> float:
     """Write the best sequence of arcs to `ant`, float64[S, 2]; the rest of `ant` is a stop.
 
     If the expansions are used up first, it is the best of the longest sequences found. Returns the time to the goal, without

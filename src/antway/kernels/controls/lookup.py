@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import RobotState
 from antway.kernels.controls.motion import MotionState
@@ -18,7 +19,7 @@ _SHORT_TURN = 1.0  # s; a loss to the turning radius up to this is not counted, 
 
 
 @inner_kernel
-def sample(field: NDArray[np.float32], x: float, y: float, frame: NDArray[np.float64]) -> float:
+def sample(field: NDArray[np.float32], x: float, y: float, frame: Floats) -> float:
     """Return the bilinear value of a field at (x, y); outside the map the value at its edge."""
     c = min(max((x - frame[0]) * frame[2], 0.0), field.shape[1] - 1.001)
     r = min(max((y - frame[1]) * frame[2], 0.0), field.shape[0] - 1.001)
@@ -141,7 +142,7 @@ def _seen_from(at: MotionState, dx: float, dy: float) -> tuple[float, float]:
 
 
 @inner_kernel
-def _square_from(box: NDArray[np.float64], ahead: float, left: float) -> float:
+def _square_from(box: Floats, ahead: float, left: float) -> float:
     """Return the squared distance of a point from the robot's box, m^2."""
     out = max(box[0] - ahead, ahead - box[1], 0.0)
     side = max(box[2] - left, left - box[3], 0.0)

@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State, below
 from antway.kernels.controls.abreast import judge_all
@@ -21,14 +21,12 @@ class Averaging(NamedTuple):
 
     elite: int  # this many best sequences have equal weight (cross-entropy method); 0: weights exp(-cost / temperature) (MPPI)
     temperature: float  # s
-    mean: NDArray[np.float64]  # [S, 2]
-    spread: NDArray[np.float64]  # [B, 2] standard deviation of a draw, by block
+    mean: Floats  # [S, 2]
+    spread: Floats  # [B, 2] standard deviation of a draw, by block
 
 
 @kernel
-def _average_of_round(
-    averaging: Averaging, drawn: NDArray[np.float64], cost: NDArray[np.float64], block: int, least: tuple[float, float]
-) -> None:
+def _average_of_round(averaging: Averaging, drawn: Floats, cost: Floats, block: int, least: tuple[float, float]) -> None:
     """Compute the mean of the sequences drawn, and in the cross-entropy method their spread, which is at least `least`."""
     mean, spread = averaging.mean, averaging.spread
     order, share = np.argsort(cost), np.zeros(len(cost))
@@ -55,12 +53,7 @@ def _average_of_round(
 
 @kernel
 def average(
-    archive: Archive,
-    lattice: Lattice,
-    colony: ColonySettings,
-    problem: ControlProblem,
-    state: State,
-    averaging: Averaging,
+    archive: Archive, lattice: Lattice, colony: ColonySettings, problem: ControlProblem, state: State, averaging: Averaging
 ) -> None:
     """Do as `forage`, but keep only a mean: each round draws sequences around it and averages them.
 
@@ -87,12 +80,7 @@ def average(
 
 @kernel
 def restart(
-    archive: Archive,
-    lattice: Lattice,
-    colony: ColonySettings,
-    problem: ControlProblem,
-    state: State,
-    averaging: Averaging,
+    archive: Archive, lattice: Lattice, colony: ColonySettings, problem: ControlProblem, state: State, averaging: Averaging
 ) -> None:
     """Do as `forage`, but without an archive: each sequence is drawn around a random seed, and the best of all is kept."""
     spread = averaging.spread

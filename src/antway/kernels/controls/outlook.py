@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from antway.kernels.base import records
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import RobotState
 from antway.kernels.controls.problem import NearObstacle, Outlook, near_at, set_near
@@ -53,8 +51,8 @@ def write_beyond(v_max: float, outlook: Outlook) -> None:
 
 @kernel
 def look_ahead(
-    segments: NDArray[np.float64],
-    sigma: NDArray[np.float64],
+    segments: Floats,
+    sigma: Floats,
     now: float,
     dt: float,
     start: RobotState,
@@ -109,9 +107,7 @@ def look_ahead(
 
 
 @kernel
-def spread_plan(
-    knots: NDArray[np.float64], now: float, dt: float, arrival: float, trust: float, plan: NDArray[np.float64]
-) -> None:
+def spread_plan(knots: Floats, now: float, dt: float, arrival: float, trust: float, plan: Floats) -> None:
     """Write to `plan`, float64[S, 3], where the plan is at the end of each step, and the time that it still takes.
 
     `knots`, float64[N, 3], are those of the plan, (t, x, y), at least one. Step k ends at now + (k + 1) dt. The plan arrives at

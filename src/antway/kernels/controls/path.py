@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.controls.lookup import at_goal
 from antway.kernels.controls.motion import motion_state, step
@@ -16,7 +14,7 @@ _COMPARED = 8  # number of times at which they are compared
 
 
 @bare_kernel
-def path_of(controls: NDArray[np.float64], problem: ControlProblem, began: float, path: NDArray[np.float64]) -> None:
+def path_of(controls: Floats, problem: ControlProblem, began: float, path: Floats) -> None:
     """Write to `path`, float64[S + 1, 3], t, x and y from the start of a sequence on; where it reaches the goal it stays."""
     at, arrived = motion_state(problem.start), False
     path[0, 0], path[0, 1], path[0, 2] = began, at.x, at.y
@@ -28,7 +26,7 @@ def path_of(controls: NDArray[np.float64], problem: ControlProblem, began: float
 
 
 @inner_kernel
-def _at(path: NDArray[np.float64], t: float, dt: float) -> tuple[float, float]:
+def _at(path: Floats, t: float, dt: float) -> tuple[float, float]:
     """Return the x and y at a time within a path whose rows are dt s apart."""
     row = min(max((t - path[0, 0]) / dt, 0.0), len(path) - 1.001)
     i = int(row)
@@ -37,13 +35,7 @@ def _at(path: NDArray[np.float64], t: float, dt: float) -> tuple[float, float]:
 
 
 @bare_kernel
-def same_path(
-    controls: NDArray[np.float64],
-    problem: ControlProblem,
-    began: float,
-    shown: NDArray[np.float64],
-    path: NDArray[np.float64],
-) -> bool:
+def same_path(controls: Floats, problem: ControlProblem, began: float, shown: Floats, path: Floats) -> bool:
     """Tell whether a sequence that begins to act at `began` s leads along `shown`; if not, `shown` becomes where it leads.
 
     `shown` and `path`, which is memory, are as in `path_of`; times are infinite in `shown` if there is no path yet.

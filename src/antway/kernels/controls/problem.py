@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import inner_kernel
 from antway.kernels.base.records import RobotLimits, RobotState
 
@@ -18,19 +19,19 @@ class StaticField(NamedTuple):
     """The map for the centre of a robot. A frame is the x and y in m of a field's node (0, 0), and its nodes a metre."""
 
     wall: NDArray[np.float32]  # [h, w] m; distance from the robot's disc to walls, exact at the nodes; below 0 in contact
-    wall_frame: NDArray[np.float64]  # [3]
+    wall_frame: Floats  # [3]
     time: NDArray[np.float32]  # [H, W] s; time to the goal from the centres of cells
-    time_frame: NDArray[np.float64]  # [3]
-    goal: NDArray[np.float64]  # [4] see GOAL_X and the others above
-    box: NDArray[np.float64]  # [5] m; a box around the footprint, low and high x and y in the robot's frame; the disc's radius
-    discs: NDArray[np.float64]  # [D, 3] m; discs that cover that box: x, y, and how much smaller than the robot's disc each is;
+    time_frame: Floats  # [3]
+    goal: Floats  # [4] see GOAL_X and the others above
+    box: Floats  # [5] m; a box around the footprint, low and high x and y in the robot's frame; the disc's radius
+    discs: Floats  # [D, 3] m; discs that cover that box: x, y, and how much smaller than the robot's disc each is;
     # there are none for a robot that is a disc
     turning: NDArray[np.float32]  # [K + 1, H', W'] s; time to the goal of a car with the heading 2 pi k / K, and last that of
     # a robot that turns on the spot; empty for robots without a turning radius
-    turning_frame: NDArray[np.float64]  # [3]
+    turning_frame: Floats  # [3]
     manoeuvre: NDArray[np.float32]  # [N, N] s; time that such a car loses to manoeuvres near its goal, by where that is in
     # its own frame; empty for other robots
-    manoeuvre_frame: NDArray[np.float64]  # [4] its fourth number is the car's top speed, m/s
+    manoeuvre_frame: Floats  # [4] its fourth number is the car's top speed, m/s
 
 
 class NearObstacle(NamedTuple):
@@ -53,11 +54,11 @@ class NearObstacle(NamedTuple):
 class Outlook(NamedTuple):
     """Obstacles that the robot could come near to, at the end of each step of a rollout, and the plan in space and time."""
 
-    near: NDArray[np.int64]  # [S + 1] number of obstacles; last that of those that the robot could come near to afterwards
-    disc: NDArray[np.float64]  # [S + 1, N, 12] rows of `NearObstacle`; those of the last row, at the end of the last step
-    beyond: NDArray[np.float64]  # [S + 1, 3, N] x and y of each obstacle, m, and the square of the distance of the centres from
+    near: Ints  # [S + 1] number of obstacles; last that of those that the robot could come near to afterwards
+    disc: Floats  # [S + 1, N, 12] rows of `NearObstacle`; those of the last row, at the end of the last step
+    beyond: Floats  # [S + 1, 3, N] x and y of each obstacle, m, and the square of the distance of the centres from
     # which on it costs nothing, m^2; one row after another, so that all obstacles of a step are compared at once
-    plan: NDArray[np.float64]  # [S, 3] x and y of the plan, m, and the time that it still takes from there, s
+    plan: Floats  # [S, 3] x and y of the plan, m, and the time that it still takes from there, s
 
 
 class CostWeights(NamedTuple):
@@ -85,11 +86,11 @@ class CostWeights(NamedTuple):
 class Batch(NamedTuple):
     """Memory for rollouts that are stepped abreast (kernels/controls/abreast.py)."""
 
-    value: NDArray[np.float64]  # [ROWS * BATCH] X and the other rows in kernels/controls/abreast.py, one after another
-    sequence: NDArray[np.int64]  # [BATCH] which sequence each rollout is of
+    value: Floats  # [ROWS * BATCH] X and the other rows in kernels/controls/abreast.py, one after another
+    sequence: Ints  # [BATCH] which sequence each rollout is of
     # [BATCH, M] s; what each obstacle costs each sequence, at its worst step; if M is 0, the costs of all steps are added up
-    harm: NDArray[np.float64]
-    path: NDArray[np.float64]  # [P, 2] m; a path down the field of times to the goal (kernels/controls/seeds.py)
+    harm: Floats
+    path: Floats  # [P, 2] m; a path down the field of times to the goal (kernels/controls/seeds.py)
 
 
 class ControlProblem(NamedTuple):

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.lookup import clearance, footprint_distance, slope
@@ -30,9 +28,7 @@ def _nearest_in_step(dx: float, dy: float, moved_x: float, moved_y: float) -> tu
 
 
 @inner_kernel
-def obstacle_cost(
-    before: MotionState, at: MotionState, k: int, decay: float, problem: ControlProblem, costs: NDArray[np.float64]
-) -> float:
+def obstacle_cost(before: MotionState, at: MotionState, k: int, decay: float, problem: ControlProblem, costs: Floats) -> float:
     """Return the cost of obstacles in step k, from `before` to `at`, s.
 
     These are contacts, close passes, stops that they could enter, and stops too near behind those of obstacles ahead.

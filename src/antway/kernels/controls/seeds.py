@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import wrap_below_pi
 from antway.kernels.base.jit import inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
@@ -63,7 +61,7 @@ def _steer(state: RobotState, tx: float, ty: float, speed: float, problem: Contr
 
 
 @inner_kernel
-def turn_and_go(ant: NDArray[np.float64], problem: ControlProblem, bearing: float, speed: float) -> None:
+def turn_and_go(ant: Floats, problem: ControlProblem, bearing: float, speed: float) -> None:
     """Write the sequence that turns to a bearing in rad and then goes straight at `speed` m/s; below 0 it goes backwards."""
     limits, dt = problem.limits, problem.dt
     if limits.drive == HOLONOMIC:
@@ -86,7 +84,7 @@ def descent_points(length: float) -> int:
 
 
 @inner_kernel
-def descend(path: NDArray[np.float64], field: StaticField, x: float, y: float, length: float) -> int:
+def descend(path: Floats, field: StaticField, x: float, y: float, length: float) -> int:
     """Write the path from (x, y) down the field of times, up to `length` m and 0.5 m more; return its number of points."""
     n, most = 1, descent_points(length)
     path[0, 0], path[0, 1] = x, y
@@ -101,9 +99,7 @@ def descend(path: NDArray[np.float64], field: StaticField, x: float, y: float, l
 
 
 @inner_kernel
-def downhill(
-    ant: NDArray[np.float64], problem: ControlProblem, path: NDArray[np.float64], n: int, speed: float, aside: float, until: int
-) -> None:
+def downhill(ant: Floats, problem: ControlProblem, path: Floats, n: int, speed: float, aside: float, until: int) -> None:
     """Write the sequence that follows the first n points of a path of `descend` (pure pursuit), 0.5 m ahead.
 
     In the first `until` steps it steers to a point `aside` m to the left of that; a negative value is to the right.
@@ -128,7 +124,7 @@ def downhill(
 
 
 @inner_kernel
-def along_plan(ant: NDArray[np.float64], problem: ControlProblem, lead: int, late: int) -> None:
+def along_plan(ant: Floats, problem: ControlProblem, lead: int, late: int) -> None:
     """Write the sequence that follows the plan `late` steps behind it, steering to its place `lead` steps ahead."""
     plan, state = problem.outlook.plan, problem.start
     last = len(plan) - 1
@@ -141,7 +137,7 @@ def along_plan(ant: NDArray[np.float64], problem: ControlProblem, lead: int, lat
 
 
 @inner_kernel
-def write_seed(ant: NDArray[np.float64], problem: ControlProblem, path: NDArray[np.float64], n: int, i: int) -> bool:
+def write_seed(ant: Floats, problem: ControlProblem, path: Floats, n: int, i: int) -> bool:
     """Write seed i, 0 to SEEDS - 1, to `ant`, float64[S, 2]; return False if this problem has no such seed.
 
     `path` and n are the path from the start down the field, and its number of points.

@@ -12,9 +12,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Bools, Floats
 from antway.kernels.base.geometry import TOUCH, free_distance
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState, Walls
@@ -45,8 +43,8 @@ class Robot(NamedTuple):
     dt: float  # s
     margin: float  # m; distance kept from walls
     strict: bool  # whether steps aside are certified against obstacles too, not only against walls
-    rows: NDArray[np.float64]  # float64[N, 8]; scratch memory for the obstacles that are near, at least as many as there are
-    keep: NDArray[np.float64]  # float64[4]; the guard's state from cycle to cycle: the certified stop and the last side taken
+    rows: Floats  # float64[N, 8]; scratch memory for the obstacles that are near, at least as many as there are
+    keep: Floats  # float64[4]; the guard's state from cycle to cycle: the certified stop and the last side taken
 
 
 class Situation(NamedTuple):
@@ -55,11 +53,11 @@ class Situation(NamedTuple):
     state: RobotState  # of the robot when the command begins to act, one latency from now
     robot: Robot
     margin: float  # m; distance kept from walls: `robot.margin`, or what is left of it; below 0 as deep as the robot is in one
-    near: NDArray[np.float64]  # float64[N, 8]; the obstacles that are near enough to matter, as in kernels/robot/reach.py
+    near: Floats  # float64[N, 8]; the obstacles that are near enough to matter, as in kernels/robot/reach.py
 
 
 @bare_kernel
-def _stays_clear(m: Segment, t: float, h: float, body: Body, row: NDArray[np.float64]) -> bool:
+def _stays_clear(m: Segment, t: float, h: float, body: Body, row: Floats) -> bool:
     """Tell whether the body, on a segment that begins t s from now, stays out of every place where one obstacle can be.
 
     The obstacle is in a disc around its last place that grows with its speed, and also in a disc that moves with its last
@@ -159,13 +157,13 @@ def stop_for(situation: Situation, ca: float, cb: float) -> bool:
 
 
 @bare_kernel
-def situation_of(state: RobotState, robot: Robot, tracks: NDArray[np.float64]) -> Situation:
+def situation_of(state: RobotState, robot: Robot, tracks: Floats) -> Situation:
     """Return the robot's situation among all known obstacles."""
     return Situation(state, robot, _margin_left(state, robot), robot.rows[: _nearby(state, robot, tracks)])
 
 
 @bare_kernel
-def _nearby(state: RobotState, robot: Robot, tracks: NDArray[np.float64]) -> int:
+def _nearby(state: RobotState, robot: Robot, tracks: Floats) -> int:
     """Copy the obstacles that a cycle and a stop could come near to `robot.rows`; return how many there are."""
     (x, y, _, a, b), limits, n = state, robot.limits, 0
     holonomic = limits.drive == HOLONOMIC
@@ -233,7 +231,7 @@ def fits_near(x: float, y: float, far: float, body: Body, walls: Walls) -> bool:
 
 
 @bare_kernel
-def fits_at(x0: float, y0: float, step: float, heading: float, body: Body, walls: Walls, fits: NDArray[np.bool_]) -> None:
+def fits_at(x0: float, y0: float, step: float, heading: float, body: Body, walls: Walls, fits: Bools) -> None:
     """Write for places in rows and columns `step` m apart, from (x0, y0) on, whether the body fits there in this heading."""
     for row in range(fits.shape[0]):
         for col in range(fits.shape[1]):

@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import swept_discs, swept_timeline, wall_ahead
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import RobotLimits, Terrain, Trajectories
@@ -21,23 +21,17 @@ GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED = 0, 1, 2, 3, 4
 class Record(NamedTuple):
     """The robot's record of an episode, with a row for the start of each cycle and one for the end."""
 
-    t: NDArray[np.float64]  # float64[N + 1], s
-    xy: NDArray[np.float64]  # float64[N + 1, 2], m
-    velocity: NDArray[np.float64]  # float64[N + 1, 2], m/s
-    heading: NDArray[np.float64]  # float64[N + 1], rad
-    turn_rate: NDArray[np.float64]  # float64[N + 1], rad/s
-    command: NDArray[np.float64]  # float64[N, 2]: (vx, vy), or (v, omega) for wheels
+    t: Floats  # float64[N + 1], s
+    xy: Floats  # float64[N + 1, 2], m
+    velocity: Floats  # float64[N + 1, 2], m/s
+    heading: Floats  # float64[N + 1], rad
+    turn_rate: Floats  # float64[N + 1], rad/s
+    command: Floats  # float64[N, 2]: (vx, vy), or (v, omega) for wheels
 
 
 @bare_kernel
 def advance(
-    i: int,
-    dt: float,
-    limits: RobotLimits,
-    aim: NDArray[np.float64],
-    record: Record,
-    terrain: Terrain,
-    trajectories: Trajectories,
+    i: int, dt: float, limits: RobotLimits, aim: Floats, record: Record, terrain: Terrain, trajectories: Trajectories
 ) -> tuple[int, int, float]:
     """Drive control step i and write row i + 1 of the robot's record.
 

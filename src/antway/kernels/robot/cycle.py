@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import knot_after, timeline_at, wrap
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState, Trajectories, Walls
@@ -49,7 +49,7 @@ def next_segment(
 
 @bare_kernel
 def _first_contact(
-    m: Segment, t: float, h: float, body: Body, discs: Trajectories, walls: Walls, aim: NDArray[np.float64]
+    m: Segment, t: float, h: float, body: Body, discs: Trajectories, walls: Walls, aim: Floats
 ) -> tuple[int, int, float]:
     """Return what happens first on a segment that begins at time t, with which obstacle, and after how long."""
     what, obstacle, when = GOES_ON, -1, math.inf
@@ -118,7 +118,7 @@ def play(
     limits: RobotLimits,
     body: Body,
     record: Record,
-    aim: NDArray[np.float64],
+    aim: Floats,
     walls: Walls,
     discs: Trajectories,
     least: float,

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.geometry import TOUCH, leads_clear, swept_discs, wall_ahead, wrap
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import DIFFERENTIAL, RobotLimits, RobotState, Terrain
@@ -45,15 +43,7 @@ class Rules(NamedTuple):
 
 @kernel
 def fault(
-    x: float,
-    y: float,
-    vx: float,
-    vy: float,
-    heading: float,
-    track_id: NDArray[np.int64],
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    radius: NDArray[np.float64],
+    x: float, y: float, vx: float, vy: float, heading: float, track_id: Ints, xy: Floats, velocity: Floats, radius: Floats
 ) -> int:
     """Return what is wrong with the robot's state or a scan of K tracks.
 
@@ -82,18 +72,18 @@ def fault(
 
 @kernel
 def within_reach(
-    table: NDArray[np.float64],
+    table: Floats,
     count: int,
     now: float,
     stamp: float,
     hold: float,
-    track_id: NDArray[np.int64],
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    radius: NDArray[np.float64],
-    spread: NDArray[np.float64],
-    bounds: NDArray[np.float64],
-    out: NDArray[np.float64],
+    track_id: Ints,
+    xy: Floats,
+    velocity: Floats,
+    radius: Floats,
+    spread: Floats,
+    bounds: Floats,
+    out: Floats,
 ) -> int:
     """Write the rows (kernels/robot/reach.py) of the tracks of this scan and of those that were lost recently; return how many.
 
@@ -143,7 +133,7 @@ def within_reach(
 
 
 @kernel
-def brakes_free(x: float, y: float, wx: float, wy: float, tracks: NDArray[np.float64], rules: Rules) -> bool:
+def brakes_free(x: float, y: float, wx: float, wy: float, tracks: Floats, rules: Rules) -> bool:
     """Tell whether a robot at (x, y) can drive one period with (wx, wy) and then brake, straight, to a stand.
 
     `tracks` is float64[K, 8], as in kernels/robot/reach.py. Until the robot stands, no obstacle that stays within its bounds
@@ -166,7 +156,7 @@ def brakes_free(x: float, y: float, wx: float, wy: float, tracks: NDArray[np.flo
 
 
 @kernel
-def time_to_contact(x: float, y: float, tracks: NDArray[np.float64], radius: float) -> float:
+def time_to_contact(x: float, y: float, tracks: Floats, radius: float) -> float:
     """Return when the first track touches a robot that stands at (x, y) if all keep their velocities, s; else infinity."""
     earliest = math.inf
     for k in range(len(tracks)):
@@ -186,7 +176,7 @@ def time_to_contact(x: float, y: float, tracks: NDArray[np.float64], radius: flo
 
 @kernel
 def _time_to_contact_after(
-    x: float, y: float, vx: float, vy: float, until: float, horizon: float, tracks: NDArray[np.float64], radius: float
+    x: float, y: float, vx: float, vy: float, until: float, horizon: float, tracks: Floats, radius: float
 ) -> float:
     """Return the time of the first contact, at most `horizon`, of a robot that drives until `until` and then stands, s."""
     earliest = horizon
@@ -202,7 +192,7 @@ def _time_to_contact_after(
 
 
 @kernel
-def _aside(state: RobotState, standing: float, tracks: NDArray[np.float64], rules: Rules) -> tuple[float, float]:
+def _aside(state: RobotState, standing: float, tracks: Floats, rules: Rules) -> tuple[float, float]:
     """Return the velocity of the step aside with the latest contact, if that is later than `standing` s, else (0, 0).
 
     The robot drives at full speed for `rules.lookahead` s, or up to a wall, and then stands. Its braking path must be free.
@@ -221,7 +211,7 @@ def _aside(state: RobotState, standing: float, tracks: NDArray[np.float64], rule
 
 
 @kernel
-def guarded(state: RobotState, cx: float, cy: float, tracks: NDArray[np.float64], rules: Rules) -> tuple[float, float, int]:
+def guarded(state: RobotState, cx: float, cy: float, tracks: Floats, rules: Rules) -> tuple[float, float, int]:
     """Return the command (vx, vy) that the guard passes, and what it did.
 
     The commanded velocity (cx, cy) passes if the robot's braking path after it is free; else the fastest velocity in the same

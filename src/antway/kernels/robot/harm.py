@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import TOUCH, wall_ahead
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import RobotLimits, RobotState, Terrain
@@ -35,11 +35,11 @@ def harm(
     tx: float,
     ty: float,
     until: float,
-    tracks: NDArray[np.float64],
+    tracks: Floats,
     limits: RobotLimits,
     dt: float,
     enough: float,
-    path: NDArray[np.float64],
+    path: Floats,
 ) -> float:
     """Return the expected number of contacts of a robot that is commanded (tx, ty) for `until` s and then stands.
 
@@ -89,7 +89,7 @@ def harm(
 
 @kernel
 def least_harm(
-    state: RobotState, cx: float, cy: float, tracks: NDArray[np.float64], limits: RobotLimits, dt: float, terrain: Terrain
+    state: RobotState, cx: float, cy: float, tracks: Floats, limits: RobotLimits, dt: float, terrain: Terrain
 ) -> tuple[float, float]:
     """Return the command (vx, vy) of least `harm` that is clear of walls.
 

@@ -13,9 +13,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import ACKERMANN, HOLONOMIC, RobotLimits, RobotState
 
@@ -230,7 +228,7 @@ def drive_roughly(state: RobotState, ca: float, cb: float, limits: RobotLimits, 
 
 
 @bare_kernel
-def delayed(state: RobotState, pending: NDArray[np.float64], limits: RobotLimits, dt: float) -> RobotState:
+def delayed(state: RobotState, pending: Floats, limits: RobotLimits, dt: float) -> RobotState:
     """Return the state of the robot `latency` s from now, the start of a cycle of dt s, after the commands that do not act yet.
 
     These are the last M = ceil(latency / dt) commands, `pending`, float64[M, 2], oldest first; the oldest acts now, until the

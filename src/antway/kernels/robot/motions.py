@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Bools, Floats
 from antway.kernels.base.geometry import first_wall, reflected, segment_hits_cells
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State, uniform
@@ -14,7 +12,7 @@ from antway.kernels.base.rng import State, uniform
 
 @kernel
 def bounce(
-    blocked: NDArray[np.bool_],
+    blocked: Bools,
     row: float,
     col: float,
     speed: float,
@@ -23,8 +21,8 @@ def bounce(
     turn_every: float,
     horizon: float,
     state: State,
-    knot_t: NDArray[np.float64],
-    knot_rc: NDArray[np.float64],
+    knot_t: Floats,
+    knot_rc: Floats,
 ) -> int:
     """Write the motion of a disc that goes straight, is mirrored at walls and edges, and turns at random now and then.
 
@@ -62,7 +60,7 @@ def bounce(
 
 
 @kernel
-def first_inside(blocked: NDArray[np.bool_], knot_t: NDArray[np.float64], knot_rc: NDArray[np.float64], radius: float) -> float:
+def first_inside(blocked: Bools, knot_t: Floats, knot_rc: Floats, radius: float) -> float:
     """Return when a disc of `radius` cells first comes into contact with a blocked cell, s; infinite if it never does.
 
     The disc is at knot_rc[i], (row, col) with integers at cell centres, at knot_t[i] s, and moves straight in between. Beyond

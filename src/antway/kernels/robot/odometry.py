@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import wrap
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import RobotState
@@ -28,19 +26,14 @@ def chord(state: RobotState) -> float:
 
 
 @bare_kernel
-def middle_heading(before: NDArray[np.float64], now: NDArray[np.float64]) -> float:
+def middle_heading(before: Floats, now: Floats) -> float:
     """Return the heading half way between two observations, rad, which is that of the chord of an arc."""
     return float(before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING]))
 
 
 @bare_kernel
 def compare_speeds(
-    before: NDArray[np.float64],
-    now: NDArray[np.float64],
-    predicted: RobotState,
-    holonomic: bool,
-    memory: float,
-    odometry: NDArray[np.float64],
+    before: Floats, now: Floats, predicted: RobotState, holonomic: bool, memory: float, odometry: Floats
 ) -> None:
     """Add the errors of measured speeds, of the velocity between the two places before, and of the speeds that are predicted.
 

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import TOUCH, free_distance
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotState
@@ -28,9 +26,7 @@ _DRIVES = 0.6  # share of the time looked ahead for which a robot drives when it
 
 
 @bare_kernel
-def _safe_for(
-    state: RobotState, ca: float, cb: float, robot: Robot, tracks: NDArray[np.float64], until: float, horizon: float
-) -> float:
+def _safe_for(state: RobotState, ca: float, cb: float, robot: Robot, tracks: Floats, until: float, horizon: float) -> float:
     """Return the time of the robot's first contact with any track if all tracks keep their velocities, s, at most `horizon`.
 
     The robot drives under the command (ca, cb) for `until` s, or up to a wall, and then stands. Contacts are tested once in a
@@ -60,7 +56,7 @@ def _safe_for(
 
 
 @bare_kernel
-def _aside(situation: Situation, tracks: NDArray[np.float64], lookahead: float) -> tuple[float, float, bool]:
+def _aside(situation: Situation, tracks: Floats, lookahead: float) -> tuple[float, float, bool]:
     """Return a command that steps aside for a track that would touch the standing robot, and whether there is one.
 
     Wheels try arcs forward and backward; other robots try all directions. Of the commands that can be certified, the one whose
@@ -111,7 +107,7 @@ def _slower(situation: Situation, ca: float, cb: float) -> tuple[float, float, b
 
 @bare_kernel
 def passed_command(
-    state: RobotState, ca: float, cb: float, tracks: NDArray[np.float64], robot: Robot, lookahead: float
+    state: RobotState, ca: float, cb: float, tracks: Floats, robot: Robot, lookahead: float
 ) -> tuple[float, float, int]:
     """Return the command that passes the guard, and what the guard did (FREE and the others).
 
@@ -144,7 +140,7 @@ def passed_command(
 
 
 @bare_kernel
-def _first_certified(state: RobotState, commands: NDArray[np.float64], tracks: NDArray[np.float64], robot: Robot) -> int:
+def _first_certified(state: RobotState, commands: Floats, tracks: Floats, robot: Robot) -> int:
     """Return the index of the first of `commands`, float64[N, 2], that passes unchanged, or 0 if none does."""
     situation = situation_of(state, robot, tracks)
     for i in range(len(commands)):
@@ -156,7 +152,7 @@ def _first_certified(state: RobotState, commands: NDArray[np.float64], tracks: N
 
 @bare_kernel
 def passed_among(
-    state: RobotState, commands: NDArray[np.float64], tracks: NDArray[np.float64], robot: Robot, lookahead: float
+    state: RobotState, commands: Floats, tracks: Floats, robot: Robot, lookahead: float
 ) -> tuple[float, float, int]:
     """Do as `passed_command`, but with the first of `commands`, float64[N, 2], that passes unchanged, if one does.
 
@@ -174,7 +170,7 @@ def passed_among(
 
 
 @bare_kernel
-def fallback(keep: NDArray[np.float64]) -> tuple[float, float, int]:
+def fallback(keep: Floats) -> tuple[float, float, int]:
     """Return the next command of the kept stop, which was certified when its command was given."""
     if keep[CYCLES] > 0.0:
         keep[CYCLES] -= 1.0

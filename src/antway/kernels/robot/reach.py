@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import free_distance
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import Walls
@@ -34,7 +32,7 @@ def least_gap(ax: float, ay: float, wx: float, wy: float, reach: float, growth: 
 
 
 @bare_kernel
-def reach_gap_along(row: NDArray[np.float64], px: float, py: float, wx: float, wy: float, start: float, end: float) -> float:
+def reach_gap_along(row: Floats, px: float, py: float, wx: float, wy: float, start: float, end: float) -> float:
     """Return a lower bound in m of the gap between a moving point and every place that an obstacle can cover meanwhile.
 
     `row` has the obstacle's last known place (m) and velocity (m/s), its radius (m), bounds on its speed (m/s) and on its
@@ -57,7 +55,7 @@ def reach_gap_along(row: NDArray[np.float64], px: float, py: float, wx: float, w
 
 
 @bare_kernel
-def split_at_walls(tracks: NDArray[np.float64], count: int, walls: Walls, time: float) -> int:
+def split_at_walls(tracks: Floats, count: int, walls: Walls, time: float) -> int:
     """Add a row for each of `count` tracks that could touch a wall within `time` s; return the number of rows.
 
     A wall may reflect an obstacle. Until it could first touch one, the obstacle is within accel t^2 / 2 of its uniform motion,

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.robot.motion import drive_roughly
@@ -26,10 +24,10 @@ _RIGHT = 1e-12  # 1; while the squared error of the first candidate is less, the
 class Period(NamedTuple):
     """The time between two successive observations, and the commands that were given before its end."""
 
-    before: NDArray[np.float64]  # [COLUMNS] the observations, as in kernels/robot/odometry.py
-    now: NDArray[np.float64]  # [COLUMNS]
-    given: NDArray[np.float64]  # [M] s; when each command was given, in this order
-    commands: NDArray[np.float64]  # [M, 2]
+    before: Floats  # [COLUMNS] the observations, as in kernels/robot/odometry.py
+    now: Floats  # [COLUMNS]
+    given: Floats  # [M] s; when each command was given, in this order
+    commands: Floats  # [M, 2]
 
 
 @bare_kernel
@@ -53,14 +51,7 @@ def answered(state: RobotState, period: Period, limits: RobotLimits) -> RobotSta
 
 
 @bare_kernel
-def learn_place(
-    before: NDArray[np.float64],
-    now: NDArray[np.float64],
-    predicted: RobotState,
-    holonomic: bool,
-    memory: float,
-    place: NDArray[np.float64],
-) -> float:
+def learn_place(before: Floats, now: Floats, predicted: RobotState, holonomic: bool, memory: float, place: Floats) -> float:
     """Return the standard deviation of the errors of the robot's place in x and in y, m; the parameters as in `learn`.
 
     A miss is the distance of the robot from the place predicted, corrected by the error of the speeds predicted, as if that had
@@ -101,13 +92,13 @@ def _limited(limits: RobotLimits, a_max: float, brake_max: float, alpha_max: flo
 def learn(
     period: Period,
     limits: RobotLimits,
-    latencies: NDArray[np.float64],
-    ramps: NDArray[np.float64],
+    latencies: Floats,
+    ramps: Floats,
     memory: float,
-    used: NDArray[np.int64],
-    error: NDArray[np.float64],
-    place: NDArray[np.float64],
-    odometry: NDArray[np.float64],
+    used: Ints,
+    error: Floats,
+    place: Floats,
+    odometry: Floats,
 ) -> tuple[float, float, float, float]:
     """Add the errors with which each candidate predicts the present speeds from those before.
 

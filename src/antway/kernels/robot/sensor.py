@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.geometry import hits_walls, timeline_at
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.kalman import measure_place
@@ -27,8 +27,8 @@ def scan(
     occlusion: bool,
     terrain: Terrain,
     trajectories: Trajectories,
-    seen: NDArray[np.int64],
-    state: NDArray[np.float64],
+    seen: Ints,
+    state: Floats,
 ) -> int:
     """Find the discs seen from (x, y): their edge is within `sensor_range` m and, with `occlusion`, no wall hides them.
 
@@ -77,15 +77,7 @@ class Errors(NamedTuple):
 
 @kernel
 def degrade(
-    n: int,
-    t: float,
-    seed: np.uint64,
-    tick: int,
-    errors: Errors,
-    seen: NDArray[np.int64],
-    state: NDArray[np.float64],
-    tracker: NDArray[np.float64],
-    covariance: NDArray[np.float64],
+    n: int, t: float, seed: np.uint64, tick: int, errors: Errors, seen: Ints, state: Floats, tracker: Floats, covariance: Floats
 ) -> int:
     """Apply losses, noise and tracking to the n discs that `scan` saw, in place; return how many are left.
 
@@ -122,7 +114,7 @@ def degrade(
 
 @kernel
 def _track(
-    f: NDArray[np.float64], t: float, x: float, y: float, noise: float, agility: float
+    f: Floats, t: float, x: float, y: float, noise: float, agility: float
 ) -> tuple[float, float, float, float, float, float, float]:
     """Update the filter `f` with the measured place and return its estimate."""
     measured = max(noise * noise, 1e-8)

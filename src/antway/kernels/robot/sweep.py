@@ -12,9 +12,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import TOUCH, free_distance
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import Walls
@@ -30,10 +28,10 @@ _SLACK = 1e-6  # m; cells farther than this from every place of the body are lef
 class Body(NamedTuple):
     """The robot's shape: the convex hull of its corners, rounded."""
 
-    corners: NDArray[np.float64]  # float64[N, 2], m, in the robot's frame, counterclockwise; a disc has one at (0, 0)
+    corners: Floats  # float64[N, 2], m, in the robot's frame, counterclockwise; a disc has one at (0, 0)
     rounding: float  # m; the radius of a disc, 0 of a polygon
     radius: float  # m; radius of the disc around (0, 0) that contains it
-    centre: NDArray[np.float64]  # float64[1, 2] of zeros
+    centre: Floats  # float64[1, 2] of zeros
 
 
 @inner_kernel
@@ -120,7 +118,7 @@ def when_lost(d: float, c: float, q: float) -> float:
 
 @bare_kernel
 def axis_gap(
-    m: Segment, at: Pose, corners: NDArray[np.float64], nx: float, ny: float, level: float, rate: float, growth: float
+    m: Segment, at: Pose, corners: Floats, nx: float, ny: float, level: float, rate: float, growth: float
 ) -> tuple[float, float, float]:
     """Return the gap of the body from the half plane n.p <= level, its rate, and for how long it surely stays above 0.
 
@@ -150,7 +148,7 @@ def axis_gap(
 
 
 @bare_kernel
-def disc_axis(at: Pose, corners: NDArray[np.float64], ox: float, oy: float) -> tuple[float, float]:
+def disc_axis(at: Pose, corners: Floats, ox: float, oy: float) -> tuple[float, float]:
     """Return the unit axis along which the hull of the corners is farthest from the point (ox, oy)."""
     x, y, theta = at.x, at.y, at.theta
     n = len(corners)
@@ -192,7 +190,7 @@ def _point_axis(dx: float, dy: float, half: float) -> tuple[float, float]:
 
 
 @bare_kernel
-def square_axis(at: Pose, corners: NDArray[np.float64], cx: float, cy: float, half: float) -> tuple[float, float]:
+def square_axis(at: Pose, corners: Floats, cx: float, cy: float, half: float) -> tuple[float, float]:
     """Return the unit axis along which the hull of the corners is farthest from the square around (cx, cy)."""
     x, y, theta = at.x, at.y, at.theta
     n = len(corners)
@@ -293,7 +291,7 @@ def nearest_disc(m: Segment, h: float, body: Body, disc: Disc, best: float) -> f
 
 
 @bare_kernel
-def _lowest(m: Segment, corners: NDArray[np.float64], around: float, disc: Disc, low: float, high: float, best: float) -> float:
+def _lowest(m: Segment, corners: Floats, around: float, disc: Disc, low: float, high: float, best: float) -> float:
     """Return the smallest gap to a disc enlarged to radius `around` in [low, high], which holds one minimum, or `best`."""
     first = math.inf
     for _ in range(40):  # thirds

@@ -13,8 +13,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel, shared_kernel
 from antway.kernels.base.records import Predictions
@@ -45,8 +45,8 @@ class ColonySettings(NamedTuple):
     """How the ants of one search behave."""
 
     leg_cells: int  # the first move ends at most this many cells around the robot
-    betas: NDArray[np.float64]  # [B] 1/s; greediness of ants 0, 1, ... in turn
-    slack: NDArray[np.float64]  # [B] s; an ant gives up when the cost of its path has grown by more than this
+    betas: Floats  # [B] 1/s; greediness of ants 0, 1, ... in turn
+    slack: Floats  # [B] s; an ant gives up when the cost of its path has grown by more than this
     minimum_improvement: float  # s; a path counts as better only by more than this
     amount: float  # s; Q of the deposit Q / L on a path of cost L that is better than all before; 0 means no pheromone
     distance_weight: float  # s/m; cost of a metre in addition to its time
@@ -65,7 +65,7 @@ class _Origin(NamedTuple):
     legs: np.uint64  # bits of the first moves
     longest_move: float  # m
     cost_rate: float  # 1; cost of a second of driving in addition to its time: the weight of a metre times the speed
-    time: NDArray[np.float64]  # [K] s; duration of each move
+    time: Floats  # [K] s; duration of each move
     moves: np.uint64  # see `ColonySettings`
 
 
@@ -73,8 +73,8 @@ class _Steps(NamedTuple):
     """Moves from which an ant may choose: move k goes to the flat cell `base` + offset[k] in time[k] s."""
 
     base: np.int64
-    offset: NDArray[np.int64]  # [K]
-    time: NDArray[np.float64]  # [K]
+    offset: Ints  # [K]
+    time: Floats  # [K]
     spent: float  # s; cost of the distance so far
     cost_rate: float  # see `_Origin`
 
@@ -82,9 +82,9 @@ class _Steps(NamedTuple):
 class _Choices(NamedTuple):
     """Scratch for the moves that may improve the best path, their promised costs, and their weights."""
 
-    move: NDArray[np.int64]  # [LEGS]
-    cost: NDArray[np.float64]  # [LEGS] s; earliest arrival at the goal plus the cost of the distance
-    weight: NDArray[np.float64]  # [LEGS]
+    move: Ints  # [LEGS]
+    cost: Floats  # [LEGS] s; earliest arrival at the goal plus the cost of the distance
+    weight: Floats  # [LEGS]
 
 
 @inner_kernel

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.geometry import hits_walls, leads_clear
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import Terrain
@@ -25,9 +26,9 @@ class PlanningContext(NamedTuple):
     rows: int  # of nodes
     cols: int
     legal: NDArray[np.uint32]  # [rows * cols] bit k tells whether move k is free of walls
-    field: NDArray[np.float64]  # [rows * cols] s; time to the goal at full speed over these moves
-    offset: NDArray[np.int64]  # [K] flat
-    step: NDArray[np.float64]  # [K, 3] x and y in m and time in s of each move
+    field: Floats  # [rows * cols] s; time to the goal at full speed over these moves
+    offset: Ints  # [K] flat
+    step: Floats  # [K, 3] x and y in m and time in s of each move
     resolution: float  # m; distance of neighbouring nodes
     x0: float  # m; node (0, 0)
     y0: float
@@ -61,7 +62,7 @@ def clear(context: PlanningContext, ax: float, ay: float, bx: float, by: float) 
 
 
 @bare_kernel
-def can_stay(x: float, y: float, t0: float, t1: float, segments: NDArray[np.float64]) -> bool:
+def can_stay(x: float, y: float, t0: float, t1: float, segments: Floats) -> bool:
     """Tell whether a robot may stand at (x, y) from t0 to t1 s."""
     for p in range(len(segments)):
         low, high = unsafe_stay(x, y, segments, p)

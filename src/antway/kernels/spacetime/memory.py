@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import CLEARANCE_RADIUS, T0, T1, VX, VY, Predictions, X, Y
 from antway.kernels.spacetime.segments import TOUCH, delayed, insert_interval, unsafe_stay, within
@@ -29,32 +30,32 @@ class Memory(NamedTuple):
     stamp: NDArray[np.int32]  # [cells] number of the search in which the cell was opened
     first: NDArray[np.int32]  # [cells] first state of the cell
     intervals: NDArray[np.int32]  # [cells] number of states of the cell
-    latest: NDArray[np.float64]  # [cells] s; latest arrival among the cell's states; a later one improves nothing
+    latest: Floats  # [cells] s; latest arrival among the cell's states; a later one improves nothing
     near: NDArray[np.int32]  # [cells + 1, 2] rows [first, last) of `near_segment` near a cell; the last is the start's
     near_segment: NDArray[np.int32]  # [NEAR]
-    near_time: NDArray[np.float64]  # [NEAR, 2] s; start and end of the time for which the segment matters
-    box: NDArray[np.float64]  # [SEGMENTS, 4] m; bounding box of a motion segment
+    near_time: Floats  # [NEAR, 2] s; start and end of the time for which the segment matters
+    box: Floats  # [SEGMENTS, 4] m; bounding box of a motion segment
     cell: NDArray[np.int32]  # [STATES] flat cell, or -1 for the start
-    low: NDArray[np.float64]  # [STATES] s; start of the safe interval
-    high: NDArray[np.float64]
-    arrival: NDArray[np.float64]  # [STATES] s; earliest arrival so far
-    depart: NDArray[np.float64]  # [STATES] s; departure from the parent
-    distance_cost: NDArray[np.float64]  # [STATES] s; cost of the distance of the path in addition to its time
+    low: Floats  # [STATES] s; start of the safe interval
+    high: Floats
+    arrival: Floats  # [STATES] s; earliest arrival so far
+    depart: Floats  # [STATES] s; departure from the parent
+    distance_cost: Floats  # [STATES] s; cost of the distance of the path in addition to its time
     parent: NDArray[np.int32]  # [STATES]
     tried: NDArray[np.uint64]  # [STATES] bits of the moves tried at the present arrival
-    key: NDArray[np.float64]  # [STATES] s; least promise of its untried moves, infinite if there are none
-    heap_key: NDArray[np.float64]  # [HEAP] s; keys of the open states, least first; entries may be stale
+    key: Floats  # [STATES] s; least promise of its untried moves, infinite if there are none
+    heap_key: Floats  # [HEAP] s; keys of the open states, least first; entries may be stale
     heap_state: NDArray[np.int32]  # [HEAP]
-    leg_cell: NDArray[np.int64]  # [LEGS] cells of the first moves
-    leg_time: NDArray[np.float64]  # [LEGS] s
-    span: NDArray[np.float64]  # [SEGMENTS, 2] scratch
-    knots: NDArray[np.float64]  # [KNOTS, 3] scratch, rows (t, x, y)
-    segments: NDArray[np.float64]  # [SEGMENTS, 8] scratch
-    counter: NDArray[np.int64]  # [5] see GENERATION and the others above
+    leg_cell: Ints  # [LEGS] cells of the first moves
+    leg_time: Floats  # [LEGS] s
+    span: Floats  # [SEGMENTS, 2] scratch
+    knots: Floats  # [KNOTS, 3] scratch, rows (t, x, y)
+    segments: Floats  # [SEGMENTS, 8] scratch
+    counter: Ints  # [5] see GENERATION and the others above
 
 
 @bare_kernel
-def note_boxes(memory: Memory, segments: NDArray[np.float64]) -> None:
+def note_boxes(memory: Memory, segments: Floats) -> None:
     """Store the bounding box of each motion segment."""
     for p in range(len(segments)):
         x, y, span = segments[p, X], segments[p, Y], segments[p, T1] - segments[p, T0]
@@ -66,7 +67,7 @@ def note_boxes(memory: Memory, segments: NDArray[np.float64]) -> None:
 
 @bare_kernel
 def open_cell(
-    memory: Memory, cell: int, x: float, y: float, longest_move: float, t0: float, horizon: float, segments: NDArray[np.float64]
+    memory: Memory, cell: int, x: float, y: float, longest_move: float, t0: float, horizon: float, segments: Floats
 ) -> None:
     """Create the states of a cell: the intervals of [t0, inf) in which it is safe to stand at (x, y).
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, kernel, shared_kernel
 from antway.kernels.base.records import T0, T1, VX, VY, Predictions, X, Y
 from antway.kernels.spacetime.context import PlanningContext, can_stay, centre, clear
@@ -18,7 +18,7 @@ _SAMPLES = 100  # number of steps into which `passing` divides the time span
 
 
 @bare_kernel
-def _append(knots: NDArray[np.float64], n: int, t: float, x: float, y: float) -> int:
+def _append(knots: Floats, n: int, t: float, x: float, y: float) -> int:
     """Write the knot (t, x, y) behind the first n; return the new number of knots."""
     knots[n, 0], knots[n, 1], knots[n, 2] = t, x, y
     return n + 1
@@ -34,7 +34,7 @@ def trace_back(
     end: int,
     horizon: float,
     until: float,
-    out: NDArray[np.float64],
+    out: Floats,
 ) -> int:
     """Write the path to state `end` and along the field as knots (t, x, y), including waits; return the number of knots.
 
@@ -94,7 +94,7 @@ def _down_the_field(context: PlanningContext, cell: int) -> int:
 
 
 @kernel
-def first_conflict(knots: NDArray[np.float64], now: float, predictions: Predictions) -> float:
+def first_conflict(knots: Floats, now: float, predictions: Predictions) -> float:
     """Return the start of the first leg or wait after `now` that meets an obstacle, s; infinite if none does."""
     for i in range(len(knots) - 1):
         t0, t1 = max(float(knots[i, 0]), now), float(knots[i + 1, 0])
@@ -112,7 +112,7 @@ def first_conflict(knots: NDArray[np.float64], now: float, predictions: Predicti
 
 
 @kernel
-def place_at(knots: NDArray[np.float64], t: float) -> tuple[float, float, int]:
+def place_at(knots: Floats, t: float) -> tuple[float, float, int]:
     """Return the place (x, y) on a motion at time t, and the index of the next knot."""
     n = len(knots)
     if t <= knots[0, 0]:
@@ -126,9 +126,7 @@ def place_at(knots: NDArray[np.float64], t: float) -> tuple[float, float, int]:
 
 
 @kernel
-def passing(
-    knots: NDArray[np.float64], segments: NDArray[np.float64], now: float, until: float
-) -> tuple[float, float, float, float]:
+def passing(knots: Floats, segments: Floats, now: float, until: float) -> tuple[float, float, float, float]:
     """Return the robot's place relative to an obstacle when the two are nearest, and the obstacle's velocity then.
 
     The robot is on knots (t, x, y). The `segments` predict the obstacle in order of time. Places are sampled from `now` to
@@ -148,7 +146,7 @@ def passing(
 
 
 @shared_kernel
-def shorten(context: PlanningContext, predictions: Predictions, knots: NDArray[np.float64], out: NDArray[np.float64]) -> int:
+def shorten(context: PlanningContext, predictions: Predictions, knots: Floats, out: Floats) -> int:
     """Write to `out` a motion without new conflicts that is nowhere later than `knots`; return its number of knots.
 
     From each vertex it goes straight to the farthest of the next LOOK vertices that it reaches no later than before, with the

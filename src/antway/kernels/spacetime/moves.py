@@ -7,13 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.geometry import segment_hits_square
 from antway.kernels.base.jit import kernel
 
 
 @kernel
 def move_mask(
-    blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: float, stride: int, first_row: int, first_col: int
+    blocked: Bools, offsets: NDArray[np.int32], radius: float, stride: int, first_row: int, first_col: int
 ) -> NDArray[np.uint32]:
     """Return which moves a disc can make from each node without contact with a blocked cell or the edge of the map.
 
@@ -81,9 +82,7 @@ def longest(offsets: NDArray[np.int32]) -> int:
 
 
 @kernel
-def move_field(
-    mask: NDArray[np.uint32], offsets: NDArray[np.int32], lengths: NDArray[np.float64], goals: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def move_field(mask: NDArray[np.uint32], offsets: NDArray[np.int32], lengths: Floats, goals: Ints) -> Floats:
     """Return the exact distance from each cell to the nearest goal over the legal moves: Dijkstra backwards with buckets.
 
     A bucket is one cell wide and no move is shorter, so the cells of a bucket cannot improve one another and need no order.

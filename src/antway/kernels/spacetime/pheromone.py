@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Bools, Ints
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 
 TRAILS = 1 << 12  # number of slots of the table, a power of two
@@ -18,9 +19,9 @@ _HARDLY_MORE = 1.05  # 1; an edge with less pheromone than this is as good as on
 class Trails(NamedTuple):
     """Pheromone above the floor of 1 that every edge has."""
 
-    key: NDArray[np.int64]  # [TRAILS] code of (bin of arrival, cell, move); -1 is empty
+    key: Ints  # [TRAILS] code of (bin of arrival, cell, move); -1 is empty
     tau: NDArray[np.float32]  # [TRAILS]
-    mark: NDArray[np.bool_]  # [cells] whether the cell carries pheromone
+    mark: Bools  # [cells] whether the cell carries pheromone
     bin: float  # s; width of a bin of arrival
 
 

@@ -12,15 +12,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import timeline_at
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import CLEARANCE_RADIUS, CONTACT_RADIUS, T0, T1, VX, VY, Predictions, Trajectories, X, Y
 
 TOUCH = 1e-9
 NEVER = 1e9  # s; stands for infinity where a time must be finite
-Segments = NDArray[np.float64]  # [P, 8]
+Segments = Floats  # [P, 8]
 
 
 @bare_kernel
@@ -37,7 +37,7 @@ def within(x: float, y: float, distance: float, segments: Segments, p: int) -> t
 
 
 @inner_kernel
-def insert_interval(intervals: NDArray[np.float64], n: int, low: float, high: float) -> int:
+def insert_interval(intervals: Floats, n: int, low: float, high: float) -> int:
     """Insert (low, high) into the first n rows of `intervals`, in the order of their starts; return the new number of rows."""
     i = n
     while i > 0 and intervals[i - 1, 0] > low:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import Predictions
@@ -48,32 +49,32 @@ class Workspace(NamedTuple):
     A state is a safe interval of a cell, or the start (state 0, cell -1).
     """
 
-    counts: NDArray[np.int64]  # [3] see QUERY, STATES and ENTRIES
-    stamp: NDArray[np.int64]  # [N]
+    counts: Ints  # [3] see QUERY, STATES and ENTRIES
+    stamp: Ints  # [N]
     first: NDArray[np.int32]  # [N] first state of a cell
     size: NDArray[np.int32]  # [N] number of states of a cell
     cell: NDArray[np.int32]  # [S]
     parent: NDArray[np.int32]  # [S] state from which it is reached
-    since: NDArray[np.float64]  # [S] s; start of the safe interval
-    end: NDArray[np.float64]  # [S] s; end of the safe interval
-    arrival: NDArray[np.float64]  # [S] s; earliest known arrival
-    depart: NDArray[np.float64]  # [S] s; departure from the parent
-    done: NDArray[np.float64]  # [S] s; moves whose extra cost over the field is at most this have been made
-    todo: NDArray[np.float64]  # [S] s; least extra cost of the moves not yet made
-    heap_key: NDArray[np.float64]  # [Q] s; arrival + field, rounded to nanoseconds
-    heap_time: NDArray[np.float64]  # [Q] s; arrival
+    since: Floats  # [S] s; start of the safe interval
+    end: Floats  # [S] s; end of the safe interval
+    arrival: Floats  # [S] s; earliest known arrival
+    depart: Floats  # [S] s; departure from the parent
+    done: Floats  # [S] s; moves whose extra cost over the field is at most this have been made
+    todo: Floats  # [S] s; least extra cost of the moves not yet made
+    heap_key: Floats  # [Q] s; arrival + field, rounded to nanoseconds
+    heap_time: Floats  # [Q] s; arrival
     heap_state: NDArray[np.int32]  # [Q]
-    spans: NDArray[np.float64]  # [P, 2] s; unsafe times of a cell
+    spans: Floats  # [P, 2] s; unsafe times of a cell
 
 
 class Moving(NamedTuple):
     """A disc robot, the map, its moves on the map, and the exact field over them."""
 
-    blocked: NDArray[np.bool_]  # [H, W]
+    blocked: Bools  # [H, W]
     mask: NDArray[np.uint32]  # [H, W] legal moves, from `move_mask`
-    field: NDArray[np.float64]  # [H, W] s, from `move_field`
+    field: Floats  # [H, W] s, from `move_field`
     offsets: NDArray[np.int32]  # [K, 2] (d_row, d_col) of the moves
-    lengths: NDArray[np.float64]  # [K] cells
+    lengths: Floats  # [K] cells
     frame: Frame
     radius: float  # m
     speed: float  # m/s
@@ -266,9 +267,7 @@ def _pop(ws: Workspace) -> None:
 
 
 @kernel
-def sipp_path(
-    state: int, start: tuple[float, float], frame: Frame, ws: Workspace
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def sipp_path(state: int, start: tuple[float, float], frame: Frame, ws: Workspace) -> tuple[Floats, Floats]:
     """Return the path to `state` of the last query: t float64[N] s, strictly increasing, and xy float64[N, 2] m."""
     n, i = 1, state
     while i > 0:

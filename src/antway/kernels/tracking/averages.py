@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.geometry import reflected
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
@@ -42,15 +42,7 @@ _BETTER = 0.9  # 1; another model replaces the last velocity if its error is bel
 
 
 @kernel
-def averaged(
-    table: Table,
-    pool: NDArray[np.float64],
-    estimates: NDArray[np.float64],
-    changes: NDArray[np.float64],
-    t: float,
-    restart: bool,
-    out: NDArray[np.float64],
-) -> None:
+def averaged(table: Table, pool: Floats, estimates: Floats, changes: Floats, t: float, restart: bool, out: Floats) -> None:
     """Copy `estimates`, float64[K, 8] (kernels/tracking/predict.py), to `out` with the velocities that predict best at `t` s.
 
     `table` has the tracks known so far, [M, COLUMNS]; `pool`, float64[POOL], is that of `count_comparison`, zeros at first; and
@@ -93,7 +85,7 @@ def averaged(
 
 
 @bare_kernel
-def _mirror(row: NDArray[np.float64], n_x: float, n_y: float) -> None:
+def _mirror(row: Floats, n_x: float, n_y: float) -> None:
     """Mirror the averages of a track that has bounced off a wall with this normal, and compare no earlier prediction."""
     row[_SINCE] = -math.inf
     for m in range(len(TIMES)):
@@ -102,7 +94,7 @@ def _mirror(row: NDArray[np.float64], n_x: float, n_y: float) -> None:
 
 
 @bare_kernel
-def _average(row: NDArray[np.float64], vx: float, vy: float, dt: float, is_new: bool) -> None:
+def _average(row: Floats, vx: float, vy: float, dt: float, is_new: bool) -> None:
     """Take a velocity, `dt` s after the one before, into the averages of a track."""
     if dt <= 0.0 and not is_new:
         return
@@ -113,7 +105,7 @@ def _average(row: NDArray[np.float64], vx: float, vy: float, dt: float, is_new: 
 
 
 @bare_kernel
-def _restart_averages(row: NDArray[np.float64], vx: float, vy: float, dt: float, noise: float) -> None:
+def _restart_averages(row: Floats, vx: float, vy: float, dt: float, noise: float) -> None:
     """Let those averages of a track begin anew from which its last velocity differs too much, and by more than `noise` m/s."""
     for m in range(len(TIMES)):
         c = _SUMS + 3 * m
@@ -126,7 +118,7 @@ def _restart_averages(row: NDArray[np.float64], vx: float, vy: float, dt: float,
 
 
 @bare_kernel
-def _average_companions(rows: NDArray[np.float64], row_at: NDArray[np.int64], estimates: NDArray[np.float64]) -> None:
+def _average_companions(rows: Floats, row_at: Ints, estimates: Floats) -> None:
     """Store for each track the mean of the first averages of its companions and itself."""
     for k in range(len(row_at)):
         if row_at[k] < 0:
@@ -143,7 +135,7 @@ def _average_companions(rows: NDArray[np.float64], row_at: NDArray[np.int64], es
 
 
 @bare_kernel
-def _compare(row: NDArray[np.float64], pool: NDArray[np.float64], estimate: NDArray[np.float64], t: float) -> None:
+def _compare(row: Floats, pool: Floats, estimate: Floats, t: float) -> None:
     """Compare where each model predicted a track with where it is, if that is due, and predict anew."""
     since = t - row[_SINCE]
     if since < LATER - 1e-6:
@@ -159,7 +151,7 @@ def _compare(row: NDArray[np.float64], pool: NDArray[np.float64], estimate: NDAr
 
 
 @bare_kernel
-def _velocity(row: NDArray[np.float64], model: int, vx: float, vy: float) -> tuple[float, float]:
+def _velocity(row: Floats, model: int, vx: float, vy: float) -> tuple[float, float]:
     """Return the velocity of a model, for a track whose last velocity is (vx, vy)."""
     if model == 0:
         return vx, vy
@@ -170,7 +162,7 @@ def _velocity(row: NDArray[np.float64], model: int, vx: float, vy: float) -> tup
 
 
 @bare_kernel
-def _average_over(row: NDArray[np.float64], m: int) -> tuple[float, float]:
+def _average_over(row: Floats, m: int) -> tuple[float, float]:
     """Return the average velocity over TIMES[m]."""
     c = _SUMS + 3 * m
     return row[c] / row[c + 2], row[c + 1] / row[c + 2]

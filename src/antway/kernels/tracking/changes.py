@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import reflected, wall_ahead
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
@@ -31,7 +29,7 @@ _CHANGED = 0.1  # m/s; a smaller change of velocity is not looked at as a bounce
 
 
 @bare_kernel
-def row_to_compare(table: Table, estimate: NDArray[np.float64]) -> tuple[int, bool]:
+def row_to_compare(table: Table, estimate: Floats) -> tuple[int, bool]:
     """Do as `row_for`, but a track without an id, or whose velocity is not known, has the row -1, too."""
     if estimate[ID] < 0.0 or estimate[SIGMA_V] >= UNKNOWN:
         return -1, True
@@ -39,14 +37,7 @@ def row_to_compare(table: Table, estimate: NDArray[np.float64]) -> tuple[int, bo
 
 
 @kernel
-def velocity_changes(
-    table: Table,
-    turns: NDArray[np.float64],
-    estimates: NDArray[np.float64],
-    terrain: Terrain,
-    t: float,
-    out: NDArray[np.float64],
-) -> None:
+def velocity_changes(table: Table, turns: Floats, estimates: Floats, terrain: Terrain, t: float, out: Floats) -> None:
     """Write how the velocity of each track has changed, and count the turns.
 
     `out`, float64[K, 4], is filled; see BEFORE_VX and the others above. `table` has the tracks known so far, [M, COLUMNS]. What
@@ -75,9 +66,7 @@ def velocity_changes(
 
 
 @bare_kernel
-def _compare(
-    row: NDArray[np.float64], estimate: NDArray[np.float64], terrain: Terrain, dt: float, out: NDArray[np.float64]
-) -> None:
+def _compare(row: Floats, estimate: Floats, terrain: Terrain, dt: float, out: Floats) -> None:
     """Write the change of a track that was seen `dt` s ago.
 
     It bounced if its new velocity is nearer to the last one, mirrored at a wall or an edge of the map, than to the last one.

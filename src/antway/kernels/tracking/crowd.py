@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.geometry import wrap_below_pi
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
@@ -43,7 +43,7 @@ _DECAY = 0.8  # 1; share of the sum of squared errors that is left after each sc
 
 
 @bare_kernel
-def _lines(rows: NDArray[np.float64], step: float, lines: NDArray[np.float64], count: NDArray[np.int64]) -> None:
+def _lines(rows: Floats, step: float, lines: Floats, count: Ints) -> None:
     """Write the lines that restrict the velocity of each person k among all of `rows` to lines[k, : count[k]].
 
     The lines of two people are symmetric, so each pair is computed once. A contact is to end within `step` s.
@@ -64,9 +64,7 @@ def _lines(rows: NDArray[np.float64], step: float, lines: NDArray[np.float64], c
 
 
 @bare_kernel
-def _learn_goal(
-    row: NDArray[np.float64], vx: float, vy: float, preferred_speed: float, lines: NDArray[np.float64], n: int
-) -> None:
+def _learn_goal(row: Floats, vx: float, vy: float, preferred_speed: float, lines: Floats, n: int) -> None:
     """Update the goal of a person at `row` that took the velocity (vx, vy) under lines[:n]."""
     speed, own, active, low, high = math.hypot(vx, vy), math.atan2(vy, vx), 0, 0.0, 0.0
     for i in range(n):
@@ -118,7 +116,7 @@ def _learn_goal(
 
 
 @bare_kernel
-def straighten(prediction: NDArray[np.float64], first: int, last: int) -> None:
+def straighten(prediction: Floats, first: int, last: int) -> None:
     """Replace runs of steps in [first, last) by their mean velocity where that moves the person by at most _DEVIATION m.
 
     Steps with one velocity become one motion segment (kernels/tracking/predict.py), which makes planning faster.
@@ -146,13 +144,7 @@ def straighten(prediction: NDArray[np.float64], first: int, last: int) -> None:
 
 
 @kernel
-def foresee(
-    table: Table,
-    estimates: NDArray[np.float64],
-    t: float,
-    preferred_speed: float,
-    prediction: NDArray[np.float64],
-) -> None:
+def foresee(table: Table, estimates: Floats, t: float, preferred_speed: float, prediction: Floats) -> None:
     """Update the rows with one scan, and predict.
 
     `table` has the people known so far, [M, COLUMNS] with ids in ID: one row for each of the `estimates`, float64[K, 8]
@@ -194,13 +186,7 @@ def foresee(
 
 @bare_kernel
 def _update(
-    table: Table,
-    estimates: NDArray[np.float64],
-    t: float,
-    preferred_speed: float,
-    lines: NDArray[np.float64],
-    line_count: NDArray[np.int64],
-    out: NDArray[np.float64],
+    table: Table, estimates: Floats, t: float, preferred_speed: float, lines: Floats, line_count: Ints, out: Floats
 ) -> None:
     """Write to `out` the rows of the people of one scan, updated from those before it; `lines` and `line_count` are scratch."""
     known = table.rows[: table.used[0]]
@@ -223,14 +209,7 @@ def _update(
 
 
 @bare_kernel
-def _avoid(
-    person: NDArray[np.float64],
-    preferred_speed: float,
-    lines: NDArray[np.float64],
-    n: int,
-    out: NDArray[np.float64],
-    work: NDArray[np.float64],
-) -> None:
+def _avoid(person: Floats, preferred_speed: float, lines: Floats, n: int, out: Floats, work: Floats) -> None:
     """Write to `out` the velocity that a person on the path to its goal takes under lines[:n].
 
     Without a known goal the person keeps its direction. `work` is scratch, float64[n, 4].

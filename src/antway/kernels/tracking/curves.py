@@ -9,9 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tracking.changes import BEFORE_VX, BEFORE_VY, N_X, N_Y, row_to_compare
 from antway.kernels.tracking.crowd import STEPS, straighten
@@ -44,14 +42,12 @@ class Turning(NamedTuple):
     """What is known of the turns of tracks."""
 
     table: Table  # [M, COLUMNS]
-    pool: NDArray[np.float64]  # [POOL] errors of all tracks together, see `count_comparison`; zeros at first
-    rate: NDArray[np.float64]  # [M] rad/s; turn rate with which a track is predicted, 0 for a straight line
+    pool: Floats  # [POOL] errors of all tracks together, see `count_comparison`; zeros at first
+    rate: Floats  # [M] rad/s; turn rate with which a track is predicted, 0 for a straight line
 
 
 @kernel
-def turn_rates(
-    turning: Turning, estimates: NDArray[np.float64], straight: NDArray[np.float64], changes: NDArray[np.float64], t: float
-) -> None:
+def turn_rates(turning: Turning, estimates: Floats, straight: Floats, changes: Floats, t: float) -> None:
     """Write to `turning.rate` with which turn rate each track is predicted at time `t` s.
 
     The estimates are those of kernels/tracking/predict.py, and `straight` the same with the velocities of the straight lines; a
@@ -78,7 +74,7 @@ def turn_rates(
 
 
 @bare_kernel
-def _average(row: NDArray[np.float64], estimate: NDArray[np.float64], change: NDArray[np.float64], dt: float) -> None:
+def _average(row: Floats, estimate: Floats, change: Floats, dt: float) -> None:
     """Take the turn in the `dt` s since a track was seen last into its average turn rate.
 
     A bounce mirrors the rate, and a jump of the direction ends the turn; neither is a turn itself.
@@ -98,13 +94,7 @@ def _average(row: NDArray[np.float64], estimate: NDArray[np.float64], change: ND
 
 
 @bare_kernel
-def _compare(
-    row: NDArray[np.float64],
-    pool: NDArray[np.float64],
-    estimate: NDArray[np.float64],
-    straight: NDArray[np.float64],
-    t: float,
-) -> None:
+def _compare(row: Floats, pool: Floats, estimate: Floats, straight: Floats, t: float) -> None:
     """Compare where both models predicted a track with where it is, if that is due, and predict anew."""
     since = t - row[_SINCE]
     if since < _LATER - 1e-6:
@@ -130,7 +120,7 @@ def mean_velocity(vx: float, vy: float, rate: float, start: float, end: float) -
 
 
 @kernel
-def predict_turns(estimates: NDArray[np.float64], rate: NDArray[np.float64], prediction: NDArray[np.float64]) -> None:
+def predict_turns(estimates: Floats, rate: Floats, prediction: Floats) -> None:
     """Write the velocities of tracks that turn, with the `rate` of `turn_rates`, to `prediction`, unless it has others of them.
 
     The estimates and `prediction`, float64[N, STEPS, 2], are as `predict` takes them.

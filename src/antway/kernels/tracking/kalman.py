@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.geometry import hits_walls, reflected, wall_ahead
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.kalman import measure_place
@@ -35,16 +33,16 @@ _TURNED = 4.0  # standard deviations; a track farther than this from its predict
 
 @kernel
 def update(
-    rows: NDArray[np.float64],
-    used: NDArray[np.int64],
+    rows: Floats,
+    used: Ints,
     t: float,
-    track_id: NDArray[np.int64],
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    radius: NDArray[np.float64],
-    variance: NDArray[np.float64],
+    track_id: Ints,
+    xy: Floats,
+    velocity: Floats,
+    radius: Floats,
+    variance: Floats,
     agility: float,
-    estimates: NDArray[np.float64],
+    estimates: Floats,
 ) -> tuple[int, float, bool]:
     """Update the track table with one scan.
 
@@ -117,14 +115,7 @@ def update(
 
 @kernel
 def forget_ghosts(
-    rows: NDArray[np.float64],
-    used: NDArray[np.int64],
-    terrain: Terrain,
-    t: float,
-    track_id: NDArray[np.int64],
-    x: float,
-    y: float,
-    sensor_range: float,
+    rows: Floats, used: Ints, terrain: Terrain, t: float, track_id: Ints, x: float, y: float, sensor_range: float
 ) -> None:
     """Forget the tracks that the sensor saw in one scan alone, though nothing hides them now: probably nobody was there.
 
@@ -141,14 +132,14 @@ def forget_ghosts(
 
 
 @bare_kernel
-def _seen_from(row: NDArray[np.float64], t: float, x: float, y: float) -> tuple[float, float]:
+def _seen_from(row: Floats, t: float, x: float, y: float) -> tuple[float, float]:
     """Return where from (x, y) a track is expected at time `t` s, m."""
     age = t - row[T]
     return row[X] + row[VX] * age - x, row[Y] + row[VY] * age - y
 
 
 @bare_kernel
-def _may_be_hidden(rows: NDArray[np.float64], i: int, terrain: Terrain, t: float, x: float, y: float) -> bool:
+def _may_be_hidden(rows: Floats, i: int, terrain: Terrain, t: float, x: float, y: float) -> bool:
     """Tell whether a wall or another track hides a part of track i from (x, y)."""
     (dx, dy), radius = _seen_from(rows[i], t, x, y), rows[i, RADIUS]
     distance = math.hypot(dx, dy)
@@ -167,9 +158,7 @@ def _may_be_hidden(rows: NDArray[np.float64], i: int, terrain: Terrain, t: float
 
 
 @kernel
-def raise_variances(
-    rows: NDArray[np.float64], used: NDArray[np.int64], before: NDArray[np.float64], now: NDArray[np.float64]
-) -> None:
+def raise_variances(rows: Floats, used: Ints, before: Floats, now: Floats) -> None:
     """Raise the variances of all estimates after measurements have turned out to be worse than they were taken for.
 
     An estimate from measurements that counted as exact would stay as it is: no later measurement would have any weight.
@@ -185,14 +174,7 @@ def raise_variances(
 
 @kernel
 def bounce(
-    rows: NDArray[np.float64],
-    used: NDArray[np.int64],
-    terrain: Terrain,
-    t: float,
-    track_id: NDArray[np.int64],
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    variance: NDArray[np.float64],
+    rows: Floats, used: Ints, terrain: Terrain, t: float, track_id: Ints, xy: Floats, velocity: Floats, variance: Floats
 ) -> None:
     """Mirror the tracks that a scan shows to have bounced off a wall, so that they move on to where they are after it.
 
@@ -232,9 +214,7 @@ def _unlikely(
 
 
 @kernel
-def needs_ids(
-    rows: NDArray[np.float64], used: NDArray[np.int64], t: float, track_id: NDArray[np.int64], xy: NDArray[np.float64]
-) -> bool:
+def needs_ids(rows: Floats, used: Ints, t: float, track_id: Ints, xy: Floats) -> bool:
     """Tell whether a track has no id, or one that is in doubt at time `t` s.
 
     A known id is, if its track was predicted more than `FAR` away; a new one, if a track of the last scan that is not in this
@@ -257,7 +237,7 @@ def needs_ids(
 
 
 @bare_kernel
-def _has(ids: NDArray[np.int64], wanted: float) -> bool:
+def _has(ids: Ints, wanted: float) -> bool:
     found = False
     for one in ids:
         found = found or float(one) == wanted
@@ -265,7 +245,7 @@ def _has(ids: NDArray[np.int64], wanted: float) -> bool:
 
 
 @bare_kernel
-def _distance(row: NDArray[np.float64], t: float, xy: NDArray[np.float64]) -> float:
+def _distance(row: Floats, t: float, xy: Floats) -> float:
     """Return how far `xy` is from where a track was predicted at time `t` s, m."""
     age = t - row[T]
     return math.hypot(xy[0] - row[X] - row[VX] * age, xy[1] - row[Y] - row[VY] * age)

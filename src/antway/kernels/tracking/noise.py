@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tracking.table import SEEN, TRACK_ID, Table, row_or_oldest
 
@@ -38,13 +38,7 @@ _FAR = 0.5  # s; an older measurement is not compared
 
 @kernel
 def measured_noise(
-    rows: NDArray[np.float64],
-    used: NDArray[np.int64],
-    state: NDArray[np.float64],
-    t: float,
-    track_id: NDArray[np.int64],
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
+    rows: Floats, used: Ints, state: Floats, t: float, track_id: Ints, xy: Floats, velocity: Floats
 ) -> tuple[float, float]:
     """Return the variances of measured places, m^2, and velocities, m^2/s^2, along one axis after one more scan.
 
@@ -101,7 +95,7 @@ def measured_noise(
 
 
 @kernel
-def _count_first(state: NDArray[np.float64], squared: float, change: float, dt: float) -> None:
+def _count_first(state: Floats, squared: float, change: float, dt: float) -> None:
     """Take in one of the first innovations and the change of velocity over the same `dt` s, both squared."""
     count, changes = int(state[COUNT]), FIRST + _FIRST_ONES
     if count > _FIRST_ONES:
@@ -115,7 +109,7 @@ def _count_first(state: NDArray[np.float64], squared: float, change: float, dt: 
 
 
 @bare_kernel
-def _step(state: NDArray[np.float64], entry: int, value: float, large: float, step: float) -> None:
+def _step(state: Floats, entry: int, value: float, large: float, step: float) -> None:
     """Let a median in `state` take a step, of its logarithm, towards a value; a longer one after a run of `large` values."""
     above, run = value > state[entry], entry + RUN
     state[run] = state[run] + 1.0 if above and value > large else 0.0

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel
 
 _PARALLEL = 1e-5  # 1; two directions with a smaller cross product count as parallel
@@ -46,13 +44,13 @@ def half_plane(
 
 
 @bare_kernel
-def beyond(lines: NDArray[np.float64], i: int, x: float, y: float) -> float:
+def beyond(lines: Floats, i: int, x: float, y: float) -> float:
     """Return how far the velocity (x, y) is on the forbidden side of line i, m/s; it is negative on the allowed side."""
     return float(lines[i, 2] * (lines[i, 1] - y) - lines[i, 3] * (lines[i, 0] - x))
 
 
 @bare_kernel
-def nearest(lines: NDArray[np.float64], n: int, top: float, wx: float, wy: float, far: bool, out: NDArray[np.float64]) -> int:
+def nearest(lines: Floats, n: int, top: float, wx: float, wy: float, far: bool, out: Floats) -> int:
     """Write to `out` the velocity of at most `top` m/s nearest to (wx, wy) that all lines[:n] allow.
 
     The lines are added one by one (incremental linear programming). With `far` it is the velocity farthest in the direction
@@ -91,9 +89,7 @@ def nearest(lines: NDArray[np.float64], n: int, top: float, wx: float, wy: float
 
 
 @bare_kernel
-def least_violation(
-    lines: NDArray[np.float64], n: int, first: int, top: float, out: NDArray[np.float64], work: NDArray[np.float64]
-) -> None:
+def least_violation(lines: Floats, n: int, first: int, top: float, out: Floats, work: Floats) -> None:
     """Write to `out` the velocity whose largest violation of any of lines[:n] is least, where no velocity is allowed.
 
     On entry `out` is the solution for lines[:first], as `nearest` leaves it.

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from antway.kernels.base import records
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import first_wall, reflected
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import Terrain
@@ -54,7 +54,7 @@ def time_shift(margins: TubeMargins) -> float:
 
 
 @kernel
-def crosses_edge(estimates: NDArray[np.float64], terrain: Terrain) -> bool:
+def crosses_edge(estimates: Floats, terrain: Terrain) -> bool:
     """Tell whether the centre of any track is outside the map, which shows that obstacles do not turn back at the edges."""
     rows, cols = terrain.blocked.shape
     for k in range(len(estimates)):
@@ -85,7 +85,7 @@ def _deviation_within_stopping_time(margins: TubeMargins, speed: float) -> float
 
 
 @bare_kernel
-def _last_step_alike(trajectory: NDArray[np.float64], i: int) -> int:
+def _last_step_alike(trajectory: Floats, i: int) -> int:
     """Return the last step after step i that has the same velocity without a break; it does not cross FAR_AHEAD."""
     vx, vy = trajectory[i, 0], trajectory[i, 1]
     while i + 1 < len(trajectory) and trajectory[i + 1, 0] == vx and trajectory[i + 1, 1] == vy:
@@ -110,7 +110,7 @@ def tube_width(margins: TubeMargins, sigma: float, sigma_v: float, ahead: float,
 
 @kernel
 def predict(
-    estimates: NDArray[np.float64],
+    estimates: Floats,
     now: float,
     age: float,
     horizon: float,
@@ -118,8 +118,8 @@ def predict(
     robot_y: float,
     margins: TubeMargins,
     terrain: Terrain,
-    prediction: NDArray[np.float64],
-    out: NDArray[np.float64],
+    prediction: Floats,
+    out: Floats,
 ) -> int:
     """Turn track estimates into motion segments (kernels/spacetime/segments.py) for a robot at (robot_x, robot_y).
 

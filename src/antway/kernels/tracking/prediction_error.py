@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from antway.kernels.base import records
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import ID, SIGMA_V, VX, VY, X, Y
@@ -35,7 +33,7 @@ _FIRST = 10.0  # the share assumed at first counts like this many comparisons
 
 
 @bare_kernel
-def count_comparison(row: NDArray[np.float64], pool: NDArray[np.float64]) -> None:
+def count_comparison(row: Floats, pool: Floats) -> None:
     """Count one more comparison of the predictions of M models; `add_error` then adds the error of each model.
 
     The last M + 1 entries of a track's `row` are the weighted sum of the errors of each model, m/s, and the weighted number of
@@ -46,25 +44,25 @@ def count_comparison(row: NDArray[np.float64], pool: NDArray[np.float64]) -> Non
 
 
 @bare_kernel
-def add_error(row: NDArray[np.float64], pool: NDArray[np.float64], model: int, error: float) -> None:
+def add_error(row: Floats, pool: Floats, model: int, error: float) -> None:
     """Add the error of a model, m/s, to those of the track and of all tracks."""
     row[len(row) - len(pool) + model] = _KEPT * row[len(row) - len(pool) + model] + error
     pool[model] += max(1.0 - _POOL_KEPT, 1.0 / pool[-1]) * (error - pool[model])
 
 
 @bare_kernel
-def summed_error(row: NDArray[np.float64], pool: NDArray[np.float64], model: int) -> float:
+def summed_error(row: Floats, pool: Floats, model: int) -> float:
     """Return the weighted sum of a model's errors for a track, those of all tracks included, m/s."""
     return float(row[len(row) - len(pool) + model] + _POOL_WEIGHT * pool[model])
 
 
 @bare_kernel
-def velocity_error(row: NDArray[np.float64], pool: NDArray[np.float64], model: int) -> float:
+def velocity_error(row: Floats, pool: Floats, model: int) -> float:
     """Return the standard deviation along one axis of the velocity that a model predicts for a track, m/s."""
     return float(_AXIS * summed_error(row, pool, model) / (row[-1] + _POOL_WEIGHT))
 
 
-def distrust(pool: NDArray[np.float64], missed: NDArray[np.int64]) -> float:
+def distrust(pool: Floats, missed: Ints) -> float:
     """Return how little to rely on predictions: 1 if one in twenty misses or more, as is assumed at first, 0 if none ever does.
 
     `pool` and `missed` are those of `compare_predictions`.
@@ -74,14 +72,7 @@ def distrust(pool: NDArray[np.float64], missed: NDArray[np.int64]) -> float:
 
 
 @kernel
-def compare_predictions(
-    table: Table,
-    pool: NDArray[np.float64],
-    missed: NDArray[np.int64],
-    estimates: NDArray[np.float64],
-    t: float,
-    out: NDArray[np.float64],
-) -> None:
+def compare_predictions(table: Table, pool: Floats, missed: Ints, estimates: Floats, t: float, out: Floats) -> None:
     """Write the standard deviation of each track's predicted velocity along one axis, m/s, to `out`, float64[K].
 
     `table` has the tracks known so far, [M, COLUMNS]. `pool`, float64[2], is as in `count_comparison`, with one model; at first
@@ -113,7 +104,7 @@ def compare_predictions(
 
 
 @kernel
-def store_predictions(table: Table, estimates: NDArray[np.float64], t: float, segments: NDArray[np.float64]) -> None:
+def store_predictions(table: Table, estimates: Floats, t: float, segments: Floats) -> None:
     """Store the place predicted for `LATER` s after `t` of each track that has no stored prediction.
 
     Other than in `compare_predictions`, SIGMA_V of the estimates is the standard deviation that the filter gives. `segments`

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import kernel
 from antway.kernels.tracking.table import SEEN, TRACK_ID, Table, row_or_oldest
 
@@ -25,13 +23,13 @@ _FAR = 0.5  # s; an older measurement is not compared
 
 @kernel
 def wrong(
-    rows: NDArray[np.float64],
-    used: NDArray[np.int64],
-    state: NDArray[np.float64],
+    rows: Floats,
+    used: Ints,
+    state: Floats,
     t: float,
-    track_id: NDArray[np.int64],
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
+    track_id: Ints,
+    xy: Floats,
+    velocity: Floats,
     span: tuple[float, float, float],
 ) -> bool:
     """Tell, after one more scan, whether reported velocities predict places worse than the two places before do.

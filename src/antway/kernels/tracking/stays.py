@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.predict import ID, RADIUS, VX, VY, X, Y
@@ -25,7 +23,7 @@ STILL = 0.2  # m; an obstacle whose box has a longer diagonal did not stand
 
 
 @bare_kernel
-def _start_stay(row: NDArray[np.float64], estimate: NDArray[np.float64], t: float) -> None:
+def _start_stay(row: Floats, estimate: Floats, t: float) -> None:
     """Begin a stay at time `t` s."""
     row[SINCE], row[SIZE] = t, estimate[RADIUS]
     row[LOW_X] = row[HIGH_X] = estimate[X]
@@ -33,13 +31,13 @@ def _start_stay(row: NDArray[np.float64], estimate: NDArray[np.float64], t: floa
 
 
 @bare_kernel
-def _diagonal(row: NDArray[np.float64]) -> float:
+def _diagonal(row: Floats) -> float:
     """Return the diagonal of the box that holds the centre of an obstacle since its stay began, m."""
     return math.hypot(row[HIGH_X] - row[LOW_X], row[HIGH_Y] - row[LOW_Y])
 
 
 @kernel
-def update_stays(table: Table, estimates: NDArray[np.float64], seen: NDArray[np.float64], t: float) -> None:
+def update_stays(table: Table, estimates: Floats, seen: Floats, t: float) -> None:
     """Update the stays with the tracks that are seen at time `t` s.
 
     `table` has the stays known so far, [M, COLUMNS]; when it is full, further tracks are left out. So are estimates

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.rows import copy_row
 
@@ -17,8 +17,8 @@ _LOST = 1.0  # s; a track that was not seen for longer is dropped
 class Table(NamedTuple):
     """What is kept of tracks from scan to scan."""
 
-    rows: NDArray[np.float64]  # [M, C]
-    used: NDArray[np.int64]  # [1] number of rows in use
+    rows: Floats  # [M, C]
+    used: Ints  # [1] number of rows in use
     id_column: int  # column of the tracks' ids; that of when they were last seen follows
 
 
@@ -27,7 +27,7 @@ def make_table(rows: int, columns: int, id_column: int = TRACK_ID) -> Table:
     return Table(np.zeros((rows, columns)), np.zeros(1, np.int64), id_column)
 
 
-def rows_in_use(table: Table) -> NDArray[np.float64]:
+def rows_in_use(table: Table) -> Floats:
     """Return a view of the rows in use."""
     return table.rows[: table.used[0]]
 

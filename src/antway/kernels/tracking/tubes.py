@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from antway.kernels.base.arrays import Bools, Floats
 from antway.kernels.base.geometry import swept_timeline
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import Terrain, Trajectories
@@ -14,15 +12,7 @@ from antway.kernels.base.records import Terrain, Trajectories
 
 @bare_kernel
 def first_met(
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
-    start: float,
-    end: float,
-    body: float,
-    wider: float,
-    trajectories: Trajectories,
+    ax: float, ay: float, bx: float, by: float, start: float, end: float, body: float, wider: float, trajectories: Trajectories
 ) -> tuple[float, int]:
     """Return the first time at which a body meets a tube, s, and the tube's index; infinity and -1 if it meets none.
 
@@ -41,12 +31,7 @@ def first_met(
 
 @bare_kernel
 def first_conflict(
-    t: NDArray[np.float64],
-    xy: NDArray[np.float64],
-    until: float,
-    body: float,
-    growth: float,
-    trajectories: Trajectories,
+    t: Floats, xy: Floats, until: float, body: float, growth: float, trajectories: Trajectories
 ) -> tuple[float, int]:
     """Return the first time up to `until` s at which a body on a timed path meets a tube, and which; infinity and -1 if none.
 
@@ -75,14 +60,7 @@ def first_conflict(
 
 @bare_kernel
 def stand_free(
-    t: NDArray[np.float64],
-    xy: NDArray[np.float64],
-    now: float,
-    until: float,
-    body: float,
-    growth: float,
-    trajectories: Trajectories,
-    free: NDArray[np.bool_],
+    t: Floats, xy: Floats, now: float, until: float, body: float, growth: float, trajectories: Trajectories, free: Bools
 ) -> None:
     """Mark in `free`, bool[N], at which places xy[i] a body can stand from t[i] to `until` without meeting a tube.
 
@@ -107,7 +85,7 @@ def close_cells(
     trajectories: Trajectories,
     terrain: Terrain,
     corner: tuple[int, int],
-    closed: NDArray[np.bool_],
+    closed: Bools,
 ) -> None:
     """Mark the cells at whose centre a body from (x, y) would meet a tube on arrival.
 

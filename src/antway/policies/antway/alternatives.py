@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.records import CLEARANCE_RADIUS, CONTACT_RADIUS, T0, T1, VX, VY, Predictions, Terrain, X
 from antway.kernels.crossing import Settings
 from antway.kernels.spacetime.ants import search
@@ -42,18 +42,18 @@ class Snapshot:
     now: float  # s
     age: float  # s, of the track estimates
     xy: XY  # m, of the robot
-    estimates: NDArray[np.float64]  # [K, 8]
-    prediction: NDArray[np.float64]  # [K, STEPS, 2]
-    segments: NDArray[np.float64]  # [P, 8]
+    estimates: Floats  # [K, 8]
+    prediction: Floats  # [K, STEPS, 2]
+    segments: Floats  # [P, 8]
 
-    def _predictions(self, segments: NDArray[np.float64]) -> Predictions:
+    def _predictions(self, segments: Floats) -> Predictions:
         return Predictions(segments, time_shift(self.settings.tubes))
 
     def free(self) -> float:
         """Return the time to the goal without moving obstacles, s."""
         return float(free_time(self.context, *self.xy, self.settings.colony.leg_cells))
 
-    def segments_of(self, k: int) -> NDArray[np.float64]:
+    def segments_of(self, k: int) -> Floats:
         """Return the prediction of track k alone, in order of time."""
         s, out, one = self.settings, np.empty((256, 8)), slice(k, k + 1)
         count = predict(
@@ -61,7 +61,7 @@ class Snapshot:
         )
         return out[:count]
 
-    def path(self, segments: NDArray[np.float64], memory: Memory | None = None) -> TimedPath | None:
+    def path(self, segments: Floats, memory: Memory | None = None) -> TimedPath | None:
         """Return the path that the colony finds among `segments`, or None; without a `memory` it makes one."""
         context, s, (x, y) = self.context, self.settings, self.xy
         memory = make_memory(context.field.size) if memory is None else memory
@@ -84,7 +84,7 @@ class Snapshot:
         t = np.union1d(path.t, np.arange(self.now, float(path.t[-1]), _LEG))
         return TimedPath(t, np.column_stack([np.interp(t, path.t, path.xy[:, k]) for k in (0, 1)]))
 
-    def conflict(self, path: TimedPath, segments: NDArray[np.float64]) -> float:
+    def conflict(self, path: TimedPath, segments: Floats) -> float:
         """Return when the first leg of `path` begins on which a robot meets one of `segments`, s; infinite if none does."""
         knots = np.column_stack((path.t, path.xy))
         return float(first_conflict(knots, self.now, self._predictions(segments)))
@@ -96,7 +96,7 @@ class Snapshot:
         return max(float(path.t[-1]) - self.now + rest - self.free(), 0.0)
 
 
-def manner(encounter: str, velocity: XY, path: TimedPath, segments: NDArray[np.float64], now: float) -> str:
+def manner(encounter: str, velocity: XY, path: TimedPath, segments: Floats, now: float) -> str:
     """Name the side on which `path` passes the obstacle predicted by `segments`, where the two are nearest."""
     until = min(float(path.t[-1]), float(segments[-1, T1]))
     ax, ay, vx, vy = passing(np.column_stack((path.t, path.xy)), segments, now, until)
@@ -144,7 +144,7 @@ class Weighed(Sequence[tuple[str, float]]):
         return iter(self._all)
 
 
-def _wall(own: NDArray[np.float64], leaving: str, velocity: XY, robot: XY, now: float) -> NDArray[np.float64]:
+def _wall(own: Floats, leaving: str, velocity: XY, robot: XY, now: float) -> Floats:
     """Return discs that move with an obstacle and close one of its sides; no disc is placed on the robot."""
     left = np.array((-velocity[1], velocity[0])) / max(math.hypot(*velocity), 1e-9)
     rows = []

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import make_state
@@ -48,7 +48,7 @@ class ControlColony:
     `strict` tells whether a guard in mode "strict" judges the commands: it does not pass stops that an obstacle could enter.
     """
 
-    def __init__(self, options: ControlOptions, task: Task, time_to_goal: NDArray[np.float64], seed: int, strict: bool) -> None:
+    def __init__(self, options: ControlOptions, task: Task, time_to_goal: Floats, seed: int, strict: bool) -> None:
         robot, o = task.robot, options
         self.options, self.robot, self.task, self.strict = o, robot, task, strict
         horizon = max(o.horizon, min(max(_LEAST_PATH / robot.v_max, _quarter_turn(robot)), 2.0 * o.horizon))
@@ -123,7 +123,7 @@ class ControlColony:
         self.problem = self.problem._replace(weights=weights)
         self.margins = self.margins._replace(margin=o.margin + spread)
 
-    def field_with(self, time_to_goal: NDArray[np.float64]) -> StaticField:
+    def field_with(self, time_to_goal: Floats) -> StaticField:
         """Return the map as a field with other times to the goal, float64[H * W], s."""
         return with_times(self.problem.field, self.task, time_to_goal.reshape(self.task.grid.shape))
 
@@ -133,13 +133,7 @@ class ControlColony:
         self.problem = self.problem._replace(field=field)
         self.nearest += static_time(field, last) - static_time(before, last)
 
-    def deviations(
-        self,
-        estimates: NDArray[np.float64],
-        velocity_error: NDArray[np.float64],
-        distrust: float,
-        turns: tuple[float, float],
-    ) -> NDArray[np.float64]:
+    def deviations(self, estimates: Floats, velocity_error: Floats, distrust: float, turns: tuple[float, float]) -> Floats:
         """Return the standard deviations of the tracks' places (m) and velocities (m/s), float64[K, 2].
 
         The estimates are those of kernels/tracking/predict.py, with the errors of predicted velocities and the distrust, 0 to
@@ -157,9 +151,9 @@ class ControlColony:
         observation: Observation,
         start: float,
         state: RobotState,
-        segments: NDArray[np.float64],
-        sigma: NDArray[np.float64],
-        knots: NDArray[np.float64],
+        segments: Floats,
+        sigma: Floats,
+        knots: Floats,
         arrival: float,
         turns: tuple[float, float],
     ) -> Command:
@@ -215,7 +209,7 @@ class ControlColony:
         self.archive.used[0] = 0
         return Command((0.0, 0.0))
 
-    def others(self) -> NDArray[np.float64]:
+    def others(self) -> Floats:
         """Return the first commands of all sequences in the archive but the best, in the order of cost, float64[N, 2]."""
         n = int(self.archive.used[0])
         return np.asarray(self.archive.sequence[self.archive.order[1:n], 0])

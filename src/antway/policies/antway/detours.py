@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Moves
+from antway.kernels.base.arrays import Bools, Floats
 from antway.kernels.base.jit import call
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.tracking import stays
@@ -19,7 +20,7 @@ from antway.search.sipp import timed_field
 from antway.world.policy import XY
 
 Contexts = tuple[PlanningContext, ...]
-Times = tuple[Contexts, list[NDArray[np.float64]]]  # contexts, and for each float64[H * W], s
+Times = tuple[Contexts, list[Floats]]  # contexts, and for each float64[H * W], s
 
 _INTERVAL = 0.25  # s; scans are looked at as often as that
 _ROWS = 128  # limit of obstacles whose stays are known
@@ -60,17 +61,11 @@ class Detours:
         self.due, self.to_go, self._xy = -math.inf, math.inf, (0.0, 0.0)  # s; when the next scan is due, and the time to go
         self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
         # The times of the last two updates by the disc, the nodes, and those left out; they seldom change from one to the next.
-        self._before: dict[tuple[float, tuple[int, int], bytes], NDArray[np.float64]] = {}
-        self._known: dict[tuple[float, tuple[int, int], bytes], NDArray[np.float64]] = {}
+        self._before: dict[tuple[float, tuple[int, int], bytes], Floats] = {}
+        self._known: dict[tuple[float, tuple[int, int], bytes], Floats] = {}
 
     def update(
-        self,
-        estimates: NDArray[np.float64],
-        seen: NDArray[np.float64],
-        t: float,
-        xy: XY,
-        arrival: float = math.inf,
-        busy: bool = False,
+        self, estimates: Floats, seen: Floats, t: float, xy: XY, arrival: float = math.inf, busy: bool = False
     ) -> Callable[[], Times] | None:
         """Take in the scan at time `t` s, when the robot is at `xy`; return what computes other times, if they are to change.
 
@@ -139,13 +134,13 @@ class Detours:
         self._expected, self._counted_at = _stays(rows[long]), t
         return partial(self._counted, contexts if self._expected else self.wide, rows[long], stay[long], self._xy)
 
-    def _stands(self, rows: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _stands(self, rows: Floats) -> Bools:
         """Tell who of these is expected to stand until the horizon of plans, bool[N]."""
         return (
             (self.horizon > 0.0) & (diagonals(rows) <= stays.STILL) & (rows[:, SEEN] - rows[:, stays.SINCE] >= _STANDS - 1e-6)
         )
 
-    def _counted(self, contexts: Contexts, rows: NDArray[np.float64], stay: NDArray[np.float64], xy: XY) -> Times:
+    def _counted(self, contexts: Contexts, rows: Floats, stay: Floats, xy: XY) -> Times:
         """Return the times where these obstacles are expected to stay for `stay` s: in `contexts` if they are shorter there."""
         self._before, self._known = self._known, {}
         found = self.wide, [self._times(context, rows, stay) for context in self.wide]
@@ -155,7 +150,7 @@ class Detours:
                 return other
         return found
 
-    def _times(self, context: PlanningContext, rows: NDArray[np.float64], stay: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _times(self, context: PlanningContext, rows: Floats, stay: Floats) -> Floats:
         """Return the times to the goal where these obstacles are expected to stay for `stay` s.
 
         It is the least, over all obstacles i, of the time around all that stay longer than i, plus the time that i stays. Those
@@ -164,13 +159,13 @@ class Detours:
         if not len(rows):
             return context.field
         octave = np.floor(np.log2(stay))
-        times: NDArray[np.float64] = context.field + stay.max()
+        times: Floats = context.field + stay.max()
         for least in np.unique(octave):
             around = self._around(context, rows[octave >= least])
             times = np.minimum(times, around + stay[octave < least].max(initial=0.0))
         return times
 
-    def _around(self, context: PlanningContext, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _around(self, context: PlanningContext, rows: Floats) -> Floats:
         """Return the times to the goal on paths around the places of these stays."""
         shape, size, mask = (context.rows, context.cols), context.resolution, without(context, rows)
         key = context.radius, shape, np.flatnonzero((mask == 0) & (context.legal.reshape(shape) != 0)).tobytes()
@@ -182,7 +177,7 @@ class Detours:
         return times
 
 
-def _time_to_go(contexts: Contexts, times: list[NDArray[np.float64]], xy: XY) -> float:
+def _time_to_go(contexts: Contexts, times: list[Floats], xy: XY) -> float:
     """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite without one."""
     context, (row, col) = contexts[-1], row_col(contexts[-1], xy)
     here = float(times[-1][node_near(context, xy)])
@@ -192,7 +187,7 @@ def _time_to_go(contexts: Contexts, times: list[NDArray[np.float64]], xy: XY) ->
     return here
 
 
-def without(context: PlanningContext, rows: NDArray[np.float64], xy: XY | None = None) -> NDArray[np.uint32]:
+def without(context: PlanningContext, rows: Floats, xy: XY | None = None) -> NDArray[np.uint32]:
     """Return the legal moves from nodes, [context.rows, context.cols], but none at the places of these stays.
 
     Whoever moves about while he stays takes more room, but none that the robot at `xy` has.
@@ -212,12 +207,12 @@ def without(context: PlanningContext, rows: NDArray[np.float64], xy: XY | None =
     return mask
 
 
-def middles(rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def middles(rows: Floats) -> tuple[Floats, Floats]:
     """Return x and y of the middle of the place of each stay, m."""
     return 0.5 * (rows[:, stays.LOW_X] + rows[:, stays.HIGH_X]), 0.5 * (rows[:, stays.LOW_Y] + rows[:, stays.HIGH_Y])
 
 
-def diagonals(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def diagonals(rows: Floats) -> Floats:
     """Return the diagonal of the place of each stay, m."""
     return np.hypot(rows[:, stays.HIGH_X] - rows[:, stays.LOW_X], rows[:, stays.HIGH_Y] - rows[:, stays.LOW_Y])
 
@@ -233,6 +228,6 @@ def node_near(context: PlanningContext, xy: XY) -> int:
     return min(max(row, 0), context.rows - 1) * context.cols + min(max(col, 0), context.cols - 1)
 
 
-def _stays(rows: NDArray[np.float64]) -> set[tuple[float, float]]:
+def _stays(rows: Floats) -> set[tuple[float, float]]:
     """Return the id and the beginning of the stay in each row of kernels/tracking/stays.py."""
     return set(zip(rows[:, TRACK_ID].tolist(), rows[:, stays.SINCE].tolist(), strict=True))

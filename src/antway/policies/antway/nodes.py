@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from antway.errors import CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid, Moves
+from antway.kernels.base.arrays import Bools
 from antway.kernels.base.jit import call
 from antway.kernels.robot.brake import DEEPEST, fits_at, fits_near
 from antway.kernels.robot.sweep import enlarged
@@ -86,7 +87,7 @@ def in_heading(task: Task, context: PlanningContext, heading: float, moves: Move
     return context
 
 
-def _legal_where(fits: NDArray[np.bool_], legal: NDArray[np.uint32], moves: Moves) -> NDArray[np.uint32]:
+def _legal_where(fits: Bools, legal: NDArray[np.uint32], moves: Moves) -> NDArray[np.uint32]:
     """Return the legal moves that begin where the footprint fits, and lead over no node where it does not."""
     far, (rows, cols) = int(np.abs(moves.offsets).max()), fits.shape
     around, found = np.pad(fits, far), np.where(fits, legal, np.uint32(0))

@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.records import RobotLimits, RobotState
 from antway.kernels.robot import odometry as kernel
 from antway.kernels.robot.odometry import HEADING, A, B, T, X, Y
@@ -37,7 +37,7 @@ class Odometry:
         """Compare nothing with the last observation: the next one comes too late."""
         self.table[kernel.LAST_X] = math.nan
 
-    def check(self, before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
+    def check(self, before: Floats, now: Floats) -> bool:
         """Tell whether speeds turn out to be wrong; those of the observation `now` are then corrected."""
         wrong, (error, between, predicted, compared) = False, self.table[: kernel.COMPARED + 1].tolist()
         if self.measured and compared >= _ENOUGH and error > 2.0 * min(between, predicted) + _SLIP * compared:
@@ -51,7 +51,7 @@ class Odometry:
             self.turn_rate, wrong = 0.0, True
         return wrong
 
-    def _turns_unseen(self, before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
+    def _turns_unseen(self, before: Floats, now: Floats) -> bool:
         """Tell whether the robot turned as it was told to without measuring a turn rate; if otherwise, its place has jumped."""
         if now[B] != 0.0 or before[B] != 0.0:
             return False
@@ -82,7 +82,7 @@ class Odometry:
             state = RobotState(0.0, 0.0, 0.0, float(period.now[A]), self.turn_rate)
             self.turn_rate = answered(state, period, limits).b
 
-    def completed(self, o: Observation, now: NDArray[np.float64]) -> Observation:
+    def completed(self, o: Observation, now: Floats) -> Observation:
         """Return the observation with the speeds of `now` in place of wrong ones, and the turn rate in place of none."""
         if not self.measured:
             one, two = now[[A, B]].tolist()

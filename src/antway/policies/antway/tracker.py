@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import averages, changes, kalman, noise, reported
@@ -97,19 +97,19 @@ class Tracker:
         self.estimates, self.fastest = self._estimates[:known], max(self.fastest, fastest)
 
     @property
-    def last_seen(self) -> NDArray[np.float64]:
+    def last_seen(self) -> Floats:
         """When each of the tracks was last seen, float64[K], s."""
         return self.table.rows[: len(self.estimates), kalman.T].copy()
 
-    def seen_at(self, t: float) -> NDArray[np.float64]:
+    def seen_at(self, t: float) -> Floats:
         """Return the estimates of the tracks in the scan at time `t` s."""
         return np.asarray(self.estimates[self.last_seen == t])
 
-    def compare(self, t: float, terrain: Terrain, out: NDArray[np.float64]) -> None:
+    def compare(self, t: float, terrain: Terrain, out: Floats) -> None:
         """Write to `out` how velocities have changed up to the scan at time `t` s, and count the turns."""
         call(changes.velocity_changes, self._seen, self._turns, self.estimates, terrain, float(t), out)
 
-    def average(self, t: float, changed: NDArray[np.float64], restart: bool, out: NDArray[np.float64]) -> None:
+    def average(self, t: float, changed: Floats, restart: bool, out: Floats) -> None:
         """Write the estimates at time `t` s to `out`, with the velocities that predict best.
 
         `changed` is from `compare`, and `restart` as in kernels/tracking/averages.py.
@@ -122,7 +122,7 @@ class Tracker:
         seconds, number, change = self._turns.tolist()
         return number / seconds, change / max(number, 1.0)
 
-    def _variances(self, tracks: Tracks, t: float) -> NDArray[np.float64]:
+    def _variances(self, tracks: Tracks, t: float) -> Floats:
         """Return the variances of places (m^2) and velocities (m^2/s^2) as the filter takes them, float64[K, 2]."""
         variance = self._variance[: len(tracks)]
         if tracks.covariance is None:
@@ -193,7 +193,7 @@ def nearest(tracks: Tracks, xy: XY) -> Tracks:
     return Tracks(tracks.id[at], tracks.xy[at], tracks.velocity[at], tracks.radius[at], covariance)
 
 
-def ids_of(estimates: NDArray[np.float64]) -> NDArray[np.int64]:
+def ids_of(estimates: Floats) -> Ints:
     """Return the ids of tracks, which tables hold as floats; the largest whole numbers become one that both can hold."""
     return np.minimum(estimates[:, ID], _LARGEST_ID).astype(np.int64)
 
@@ -227,7 +227,7 @@ def with_ids(tracks: Tracks, t: float, table: Table, first: int) -> tuple[Tracks
     return replace(tracks, id=ids), int(ids[new].max(initial=first - 1)) + 1
 
 
-def _doubtful(gap: NDArray[np.float64], same: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _doubtful(gap: Floats, same: Bools) -> Bools:
     """Tell of each track of a scan whether its id is doubtful, bool[K].
 
     It is if no known track has that id, or if that track was expected more than `kalman.FAR` away and another one half as far
@@ -238,5 +238,5 @@ def _doubtful(gap: NDArray[np.float64], same: NDArray[np.bool_]) -> NDArray[np.b
     known = others.min(axis=0, initial=math.inf)
     seen = np.where(same, others.min(axis=1, initial=math.inf)[:, None], math.inf).min(axis=0, initial=math.inf)
     own = own.min(axis=0, initial=math.inf)
-    doubtful: NDArray[np.bool_] = ~same.any(axis=0) | (own > kalman.FAR) & (np.minimum(known, seen) <= 0.5 * own)
+    doubtful: Bools = ~same.any(axis=0) | (own > kalman.FAR) & (np.minimum(known, seen) <= 0.5 * own)
     return doubtful

@@ -8,9 +8,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from antway.kernels.base.arrays import Bools, Floats
 from antway.kernels.base.jit import call
 from antway.kernels.base.rng import State, uniform
 from antway.kernels.spacetime.context import PlanningContext
@@ -77,11 +77,11 @@ class Yielding:
             task = replace(task, goal=refuge, goal_tolerance=min(task.goal_tolerance, _TOLERANCE), stay=0.0)
         return task
 
-    def _has_passed(self, goal: XY, detours: Detours, other: NDArray[np.float64], t: float, xy: XY) -> bool:
+    def _has_passed(self, goal: XY, detours: Detours, other: Floats, t: float, xy: XY) -> bool:
         """Tell whether the other, who may be walking, leaves a way to `goal`."""
         return t - other[0, stays.SINCE] < _WALKS and math.isfinite(_Paths(detours, other, xy).to(goal))
 
-    def _refuge(self, task: Task, detours: Detours, rows: NDArray[np.float64], t: float, xy: XY) -> XY | None:
+    def _refuge(self, task: Task, detours: Detours, rows: Floats, t: float, xy: XY) -> XY | None:
         """Return where the robot is to let somebody pass who waits for it; None if nobody does, or there is no such place."""
         if t < max(self._due, self._since + self._wait) or math.dist(xy, task.goal) <= task.goal_tolerance:
             return None
@@ -107,29 +107,27 @@ class Yielding:
         return context.x0 + j * context.resolution, context.y0 + i * context.resolution
 
 
-def _middle(row: NDArray[np.float64]) -> XY:
+def _middle(row: Floats) -> XY:
     """Return the middle of where the obstacle of a row has stayed."""
     x, y = middles(row[None])
     return float(x[0]), float(y[0])
 
 
-def _nearest_waiting(rows: NDArray[np.float64], xy: XY) -> int:
+def _nearest_waiting(rows: Floats, xy: XY) -> int:
     """Return the row of the obstacle nearest to the robot at `xy` of those that have stayed for long; -1 if none has."""
     x, y = middles(rows)
     waits = rows[:, SEEN] - rows[:, stays.SINCE] >= _WAIT - 1e-6
     return int(np.where(waits, np.hypot(x - xy[0], y - xy[1]), math.inf).argmin()) if waits.any() else -1
 
 
-def _leads_past(detours: Detours, row: NDArray[np.float64], xy: XY, ends: tuple[int, int]) -> bool:
+def _leads_past(detours: Detours, row: Floats, xy: XY, ends: tuple[int, int]) -> bool:
     """Tell whether a path leads the obstacle of `row` past the robot, which stays at `xy`, to one of the nodes `ends`."""
     robot = row.copy()
     robot[[stays.LOW_X, stays.LOW_Y]] = robot[[stays.HIGH_X, stays.HIGH_Y]] = xy
     return bool(np.isfinite(_Paths(detours, robot[None], _middle(row)).times[list(ends)]).any())
 
 
-def _lets_pass(
-    task: Task, context: PlanningContext, paths: _Paths, row: NDArray[np.float64], xy: XY, ends: tuple[int, int]
-) -> NDArray[np.bool_]:
+def _lets_pass(task: Task, context: PlanningContext, paths: _Paths, row: Floats, xy: XY, ends: tuple[int, int]) -> Bools:
     """Tell of each node whether a robot that stands there lets the obstacle of `row` pass.
 
     The obstacle comes along the line to the robot's place `xy`, and goes on along the paths from there to the nodes `ends`.
@@ -141,7 +139,7 @@ def _lets_pass(
     clear.ravel()[[node for end in ends for node in paths.path_from(end)]] = False
     gap = size * distance_transform_edt(clear).ravel() - task.robot.radius - row[stays.SIZE]
     wall = size * distance_transform_edt(context.legal.reshape(clear.shape) != 0).ravel() + context.radius - size
-    fits: NDArray[np.bool_] = (gap >= _GAP) & (wall >= task.robot.radius - 1e-9)
+    fits: Bools = (gap >= _GAP) & (wall >= task.robot.radius - 1e-9)
     return fits
 
 
@@ -193,7 +191,7 @@ class Dance:
 class _Paths:
     """Times from a place to all nodes, where obstacles stay."""
 
-    def __init__(self, detours: Detours, rows: NDArray[np.float64], xy: XY) -> None:
+    def __init__(self, detours: Detours, rows: Floats, xy: XY) -> None:
         context = self.context = detours.wide[0]
         self.free = without(context, rows, xy)
         here = divmod(self.node(xy), context.cols)

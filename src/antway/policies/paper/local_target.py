@@ -6,19 +6,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Bools, Floats
 from antway.world.policy import XY
 
 
 def local_target(
-    route: NDArray[np.float64],
-    taken: NDArray[np.bool_],
-    on_path: NDArray[np.bool_],
-    beyond: float,
-    xy: XY,
-    sensing_range: float,
-    sight: Callable[[XY], bool],
+    route: Floats, taken: Bools, on_path: Bools, beyond: float, xy: XY, sensing_range: float, sight: Callable[[XY], bool]
 ) -> tuple[int, str]:
     """Return the index of the local target among the nodes ahead, one on the global path, and the reason for it.
 

@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from antway import checks
 from antway.ants.gridpath import BETA, Exploration, explore
 from antway.ants.persistence import Adaptive
 from antway.grid import Cell, Grid, Moves
+from antway.kernels.base.arrays import Bools, Floats
 from antway.planning import Problem, Status, TimedPath
 from antway.policies.encounter import closest_approach, encounter
 from antway.policies.guard import Guard, check_observation
@@ -52,7 +52,7 @@ class Ahead:
     seen: Observation
     tubes: Tubes
     body: float
-    velocity: NDArray[np.float64]  # float64[K, 2]; velocities of the tracks, m/s
+    velocity: Floats  # float64[K, 2]; velocities of the tracks, m/s
     until: float  # s; time up to which the robot looks ahead
     growth: float
 
@@ -306,7 +306,7 @@ class PaperPolicy:
                         return Detour(candidate, joins, reason, found)
         return None
 
-    def _explore(self, problem: Problem, window: Window, closed: NDArray[np.bool_]) -> Exploration:
+    def _explore(self, problem: Problem, window: Window, closed: Bools) -> Exploration:
         """Send a colony of ants through the open cells of the window."""
         self.colonies += 1
         self.found = explore(

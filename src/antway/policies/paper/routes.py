@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from antway.grid import Cell, Grid, Moves
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import entry
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.motion import REST
@@ -19,7 +19,7 @@ from antway.world.line_of_sight import clear, diagonal_radius, nearest_free
 from antway.world.policy import XY, Command, Observation, Task
 
 STOP = Command((0.0, 0.0))
-Nodes = NDArray[np.float64]  # float64[N, 2], m; points that the robot has yet to drive to, without its own position
+Nodes = Floats  # float64[N, 2], m; points that the robot has yet to drive to, without its own position
 
 
 class PathsFrom:
@@ -30,7 +30,7 @@ class PathsFrom:
         self.field = DijkstraField(self.net, [cell], [], within / inflated.resolution)
         self.field.run(None)
 
-    def distance(self) -> NDArray[np.float64]:
+    def distance(self) -> Floats:
         """Return the distance to each cell in m, float64[H, W]; infinite for cells that were not reached."""
         label = self.field.label
         known = np.where(label <= self.field.known, label, np.inf) * (self.inflated.resolution / STRAIGHT)
@@ -40,7 +40,7 @@ class PathsFrom:
         """Return the cell centres on the path from `cell` to the source cell; empty if there is none."""
         return self.inflated.to_xy(self.cells(cell))
 
-    def cells(self, cell: Cell) -> NDArray[np.int64]:
+    def cells(self, cell: Cell) -> Ints:
         """Return the cells on that path, int64[N, 2]."""
         label = self.field.label[self.net.at(cell)]
         if not (math.isfinite(label) and label <= self.field.known):
@@ -76,9 +76,9 @@ class Routes:
         nodes = np.vstack((self.joined(xy, nodes), self.task.goal))
         return self.pulled(xy, nodes) if self.stops else nodes
 
-    def cells(self, nodes: Nodes) -> NDArray[np.int64]:
+    def cells(self, nodes: Nodes) -> Ints:
         """Return the (row, col) of the cells that contain `nodes`, int64[N, 2]."""
-        cells: NDArray[np.int64] = np.floor(self.inflated.to_points(nodes) + 0.5).astype(np.int64)
+        cells: Ints = np.floor(self.inflated.to_points(nodes) + 0.5).astype(np.int64)
         return cells
 
     def rejoining(self, xy: XY, path: Nodes, within: float) -> Nodes:
@@ -132,7 +132,7 @@ class Routes:
             times, points = np.concatenate(([0.0], hold + times)), np.vstack((seen.xy, points))
         return TimedPath(seen.t + times, points)
 
-    def _stop_and_go(self, seen: Observation, points: Nodes) -> tuple[NDArray[np.float64], Nodes]:
+    def _stop_and_go(self, seen: Observation, points: Nodes) -> tuple[Floats, Nodes]:
         """Return times and positions of a robot that stops and turns at each corner: six knots for each leg."""
         spec = self.task.robot
         legs = np.diff(points, axis=0)

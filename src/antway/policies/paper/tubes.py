@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid
+from antway.kernels.base.arrays import Bools, Floats
 from antway.kernels.base.records import Trajectories
 from antway.kernels.base.rng import make_state
 from antway.kernels.robot.motions import bounce
@@ -27,7 +28,7 @@ class Tubes:
     trajectories: Trajectories
 
     @staticmethod
-    def predict(t: float, seen_at: float, discs: NDArray[np.float64], grid: Grid, horizon: float) -> Tubes:
+    def predict(t: float, seen_at: float, discs: Floats, grid: Grid, horizon: float) -> Tubes:
         """Step 3: predict from `seen_at` s to `horizon` s after `t` discs that were at (x, y), float64[K, 5].
 
         Columns x, y in m, velocity in m/s along x and y, and radius in m.
@@ -44,7 +45,7 @@ class Tubes:
         first = np.cumsum([len(knots) for knots in times], dtype=np.int64)
         return Tubes(t, Trajectories(np.concatenate(times), np.concatenate(places), first, discs[:, 4].copy()))
 
-    def knots(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def knots(self, k: int) -> tuple[Floats, Floats]:
         """Return the knots of the trajectory of track k: t in s, and x and y in m."""
         knot_t, knot_xy, first, _ = self.trajectories
         return knot_t[first[k] : first[k + 1]], knot_xy[first[k] : first[k + 1]]
@@ -60,15 +61,11 @@ class Tubes:
             rows.append(np.hstack((t[:-1, None], t[1:, None], xy[:-1], np.diff(xy, axis=0) / span, np.full_like(span, radius))))
         return np.vstack((np.empty((0, 7)), *rows)).astype(np.float32)
 
-    def conflict(
-        self, t: NDArray[np.float64], xy: NDArray[np.float64], until: float, body: float, growth: float = 0.0
-    ) -> tuple[float, int]:
+    def conflict(self, t: Floats, xy: Floats, until: float, body: float, growth: float = 0.0) -> tuple[float, int]:
         """Return when and with which track a body of radius `body` m on the timed path (t, xy) first meets a tube."""
         return first_conflict(t, xy, until, body, growth, self.trajectories)
 
-    def standing(
-        self, t: NDArray[np.float64], xy: NDArray[np.float64], until: float, body: float, growth: float
-    ) -> NDArray[np.bool_]:
+    def standing(self, t: Floats, xy: Floats, until: float, body: float, growth: float) -> Bools:
         """Return bool[N]: whether a body can stand at xy[i], float64[N, 2], from t[i] to `until` and meets no tube."""
         free = np.empty(len(t), np.bool_)
         stand_free(t, xy, self.t, until, body, growth, self.trajectories, free)
@@ -76,7 +73,7 @@ class Tubes:
 
     def close(
         self, grid: Grid, window: tuple[int, int, int, int], xy: XY, v_max: float, body: float, horizon: float, *, whole: bool
-    ) -> NDArray[np.bool_]:
+    ) -> Bools:
         """Return which cells of `window`, bool[H, W], are in a tube when a body from `xy` gets there, or ever."""
         closed = np.zeros(grid.shape, np.bool_)
         row, col, rows, cols = window
