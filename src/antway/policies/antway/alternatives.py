@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import overload
+from typing import Any
 
 import numpy as np
 
@@ -130,18 +130,11 @@ class Weighed(Sequence[tuple[str, float]]):
         found = path is not None and manner(encounter, velocity, path, own, now.now) == other
         return self._done, (other, now.cost(path) if found and path is not None else math.inf), _wait(now)
 
-    @overload
-    def __getitem__(self, index: int) -> tuple[str, float]: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[tuple[str, float]]: ...
-    def __getitem__(self, index: int | slice) -> tuple[str, float] | Sequence[tuple[str, float]]:
+    def __getitem__(self, index: Any) -> Any:
         return self._all[index]
 
     def __len__(self) -> int:
         return 3
-
-    def __iter__(self) -> Iterator[tuple[str, float]]:
-        return iter(self._all)
 
 
 def _wall(own: Floats, leaving: str, velocity: XY, robot: XY, now: float) -> Floats:

@@ -24,7 +24,7 @@ from antway.policies.antway.control_options import ControlOptions
 from antway.policies.guard import assumed_swerve, relative_swerve
 from antway.world.policy import Command, Observation, Task, commanded
 from antway.world.robots import RobotSpec
-from antway.world.rollouts import empty_outlook, finite_limits, make_batch, static_field, static_time, with_times
+from antway.world.rollouts import empty_outlook, finite_limits, make_batch, static_field, static_time
 
 _AGILE = 0.8  # m/s; the numbers of `ControlOptions` are for robots with this top speed or more
 _SLOWEST = 4.0  # 1; robots slower than `_AGILE` by more than this drive as if it were this, or they flee from all that moves
@@ -122,10 +122,6 @@ class ControlColony:
         weights = weights._replace(wall_margin=o.wall_margin + spread, wall_range=_SPREADS * spread)
         self.problem = self.problem._replace(weights=weights)
         self.margins = self.margins._replace(margin=o.margin + spread)
-
-    def field_with(self, time_to_goal: Floats) -> StaticField:
-        """Return the map as a field with other times to the goal, float64[H * W], s."""
-        return with_times(self.problem.field, self.task, time_to_goal.reshape(self.task.grid.shape))
 
     def set_field(self, field: StaticField) -> None:
         """Drive from now on by another field of times to the goal."""

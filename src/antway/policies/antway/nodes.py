@@ -41,12 +41,8 @@ _ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, wh
 def contexts_for(task: Task, moves: Moves, heading: float) -> tuple[ContextPair, ContextPair | None]:
     """Return the contexts of `planning_contexts`, and those of `narrow_contexts`.
 
-    With a `heading`, rad, they are for a robot that keeps its footprint in that heading; NaN stands for none.
-
-    Raises
-    ------
-    OutOfBounds, CellBlocked
-        If the robot does not fit at the start or at the goal.
+    With a `heading`, rad, they are for a robot that keeps its footprint in that heading; NaN stands for none. `OutOfBounds` and
+    `CellBlocked` tell that the robot does not fit at the start or at the goal.
     """
     wide = planning_contexts(task, moves)
     narrow = narrow_contexts(task, moves, wide[0].radius)
@@ -134,11 +130,7 @@ def planning_context(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, C
     The context is that of the largest disc that has a path, of a few from the disc around the footprint down to the one inside
     it. A smaller disc finds the path through a door that is hardly wider than the robot, and its path leads through the middle.
     Rollouts and the guard test the footprint itself.
-
-    Raises
-    ------
-    OutOfBounds, CellBlocked
-        If the robot does not fit at the start or at the goal.
+    `OutOfBounds` and `CellBlocked` tell that the robot does not fit at the start or at the goal.
     """
     grid, robot = task.grid, task.robot
     ends = {"start": task.start, "goal": task.goal}

@@ -30,6 +30,7 @@ from antway.policies.antway.yielding import Dance, Yielding
 from antway.policies.guard import relative_swerve
 from antway.world.ants import LaidTrails
 from antway.world.policy import Decision, Observation, RobotSpec, Task
+from antway.world.rollouts import with_times
 
 _BRAKES = 0.5  # s; with tracks in sight, a robot that follows the plan drives no faster than it can brake from in this time
 _BIN = 0.5  # s; pheromone is kept for bins of arrival of this width
@@ -152,8 +153,8 @@ def drop_plan(plan: PlanInUse) -> None:
 
 def other_times(s: State, counted: Callable[[], Times]) -> Counted:
     """Return the times that `Detours.update` has returned a call for, and the field for them."""
-    times = counted()
-    return times, None if s.controls is None else s.controls.field_with(times[1][1])
+    times, c = counted(), s.controls
+    return times, None if c is None else with_times(c.problem.field, c.task, times[1][1].reshape(c.task.grid.shape))
 
 
 def set_times(s: State, times: Times, field: StaticField | None) -> None:

@@ -17,6 +17,7 @@ from antway.ants.gridpath import BETA, Exploration, explore
 from antway.ants.persistence import Adaptive
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.arrays import Bools, Floats
+from antway.kernels.tracking.tubes import first_conflict
 from antway.planning import Problem, Status, TimedPath
 from antway.policies.encounter import closest_approach, encounter
 from antway.policies.guard import Guard, check_observation
@@ -58,7 +59,7 @@ class Ahead:
 
     def conflict(self, path: TimedPath, until: float) -> tuple[float, int]:
         """Return when and with which track the robot on `path` first meets a tube."""
-        return self.tubes.conflict(path.t, path.xy, until, self.body, self.growth)
+        return first_conflict(path.t, path.xy, until, self.body, self.growth, self.tubes.trajectories)
 
 
 class PaperPolicy:
@@ -369,7 +370,8 @@ class PaperPolicy:
             v = (speed * math.cos(angle), speed * math.sin(angle))
             path = self.routes.driven(seen, v, push if k else 0.0)
             if path is not None:
-                contact, _ = ahead.tubes.conflict(path.t, path.xy, ahead.until, spec.radius + 0.02)
+                discs = ahead.tubes.trajectories
+                contact, _ = first_conflict(path.t, path.xy, ahead.until, spec.radius + 0.02, 0.0, discs)
                 if contact > best:
                     best, velocity = contact, v
         self._take(np.array([seen.xy]), retreating=True)

@@ -13,7 +13,7 @@ from antway.kernels.base.arrays import Bools, Floats
 from antway.kernels.base.records import Trajectories
 from antway.kernels.base.rng import make_state
 from antway.kernels.robot.motions import bounce
-from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_free
+from antway.kernels.tracking.tubes import close_cells, stand_free
 from antway.world.policy import XY
 from antway.world.terrain import terrain_of
 
@@ -60,10 +60,6 @@ class Tubes:
             span = np.diff(t)[:, None]
             rows.append(np.hstack((t[:-1, None], t[1:, None], xy[:-1], np.diff(xy, axis=0) / span, np.full_like(span, radius))))
         return np.vstack((np.empty((0, 7)), *rows)).astype(np.float32)
-
-    def conflict(self, t: Floats, xy: Floats, until: float, body: float, growth: float = 0.0) -> tuple[float, int]:
-        """Return when and with which track a body of radius `body` m on the timed path (t, xy) first meets a tube."""
-        return first_conflict(t, xy, until, body, growth, self.trajectories)
 
     def standing(self, t: Floats, xy: Floats, until: float, body: float, growth: float) -> Bools:
         """Return bool[N]: whether a body can stand at xy[i], float64[N, 2], from t[i] to `until` and meets no tube."""
