@@ -83,6 +83,9 @@ class PlanInUse(NamedTuple):
 class _Cycle(NamedTuple):
     """What the steps of one control cycle share."""
 
+    memory: Memory
+    trails: Trails
+    state: State  # of the random generator
     context: PlanningContext
     terrain: Terrain
     settings: Settings
@@ -177,21 +180,12 @@ def _follow(c: _Cycle) -> tuple[float, float]:
 
 
 @kernel
-def _search(
-    memory: Memory,
-    trails: Trails,
-    c: _Cycle,
-    colony: ColonySettings,
-    predictions: Predictions,
-    limit: float,
-    budget: int,
-    state: State,
-) -> bool:
+def _search(c: _Cycle, colony: ColonySettings, predictions: Predictions, limit: float, budget: int) -> bool:
     """Let the ants search for a plan that costs less than `limit` s; if they find one, it becomes the plan in use."""
-    context, settings, plan, horizon = c.context, c.settings, c.plan, c.now + c.settings.horizon
-    end, cost, plan.state[BOUND] = search(
-        memory, trails, context, predictions, colony, c.x, c.y, c.now, horizon, limit, budget, state
-    )
+    memory, trails, context, settings, plan = c.memory, c.trails, c.context, c.settings, c.plan
+    horizon = c.now + settings.horizon
+    found = search(memory, trails, context, predictions, colony, c.x, c.y, c.now, horizon, limit, budget, c.state)
+    end, cost, plan.state[BOUND] = found
     if end < 0:
         return False
     m = trace_back(memory, context, predictions, c.x, c.y, end, horizon, horizon + settings.horizon, memory.knots)
@@ -226,15 +220,13 @@ def _distance_cost(c: _Cycle) -> float:
 
 
 @kernel
-def _replan(
-    memory: Memory, trails: Trails, c: _Cycle, predictions: Predictions, valid: bool, most_delay: float, state: State
-) -> int:
+def _replan(c: _Cycle, predictions: Predictions, valid: bool, most_delay: float) -> int:
     """Search for a plan better than the one in use, which may be `valid`; return what was done with the plan.
 
     The ants search first for a plan with additional clearance, which may arrive up to `most_delay` s later, then for one that
     keeps the margins, and last, if there is no plan, for one without margins.
     """
-    s, plan = c.settings, c.plan
+    s, plan, memory = c.settings, c.plan, c.memory
     on_plan = _can_be_followed(c)
     usable = valid or (on_plan and _is_clear(c, _with_less_clearance(predictions, c.now)))
     found, is_wide, budget = False, False, s.improvement_expansions if valid else s.expansions
@@ -245,22 +237,22 @@ def _replan(
         limit, before = math.inf, plan.state[ARRIVAL]
         if usable:
             limit = before + (-s.hysteresis if is_wide else max(most_delay - plan.state[DELAY_SPENT], 0.0))
-        found = _search(memory, trails, c, s.colony, wide, limit + _distance_cost(c), budget, state)
+        found = _search(c, s.colony, wide, limit + _distance_cost(c), budget)
         if found and usable:
             plan.state[DELAY_SPENT] += max(plan.state[ARRIVAL] - before, 0.0)
     limit = plan.state[ARRIVAL] - s.hysteresis if valid else plan.state[ARRIVAL] + _GRACE if usable else math.inf
     if found or is_wide:
         limit, budget = plan.state[ARRIVAL] - most_delay, s.improvement_expansions
-    if _search(memory, trails, c, s.colony, predictions, limit + _distance_cost(c), budget, state):
+    if _search(c, s.colony, predictions, limit + _distance_cost(c), budget):
         found = True
     plan.state[NEXT_SEARCH] = c.now + _PAUSE
     if not (found or usable) and s.few_moves.moves and memory.counter[EXPANSIONS] >= budget:
-        found = _search(memory, trails, c, s.few_moves, predictions, math.inf, budget, state)
+        found = _search(c, s.few_moves, predictions, math.inf, budget)
     if not (found or usable) and s.narrow_tubes.robot_radius > 0.0:
         count = _predict(c, s.narrow_tubes, plan.segments)
         plan.state[SEGMENT_COUNT] = count
         narrow = Predictions(plan.segments[:count], time_shift(s.narrow_tubes))
-        found = _search(memory, trails, c, s.colony, narrow, math.inf, s.expansions // _LAST, state)
+        found = _search(c, s.colony, narrow, math.inf, s.expansions // _LAST)
     return NEW if found else KEPT if usable else NONE
 
 
@@ -294,7 +286,7 @@ def cycle(
     # Predict all obstacles.
     foresee(crowd.people, estimates, scanned, s.preferred_speed, crowd.prediction)
     predict_turns(estimates, crowd.turning.rate, crowd.prediction)
-    c = _Cycle(context, terrain, s, plan, averaged, crowd.prediction[:n], now, age, xy[0], xy[1])
+    c = _Cycle(memory, trails, state, context, terrain, s, plan, averaged, crowd.prediction[:n], now, age, xy[0], xy[1])
     as_predicted = _as_predicted(c)
     count = _predict(c, s.tubes, plan.segments)
     plan.state[SEGMENT_COUNT] = count
@@ -307,7 +299,7 @@ def cycle(
     plan.state[DELAY_SPENT] = max(plan.state[DELAY_SPENT] - _FORGETS * s.dt, 0.0)
     what = KEPT
     if not (valid and as_predicted and now < plan.state[NEXT_SEARCH] - 1e-9):
-        what = _replan(memory, trails, c, predictions, valid, most_delay, state)
+        what = _replan(c, predictions, valid, most_delay)
     if what == NONE:
         plan.state[KNOT_COUNT], plan.state[ARRIVAL] = 0, math.inf
         return 0.0, 0.0, NONE
