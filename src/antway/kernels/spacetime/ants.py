@@ -54,9 +54,33 @@ class ColonySettings(NamedTuple):
     moves: np.uint64 = ~np.uint64(0)  # bits of the moves that ants may choose
 
 
-class _Origin(NamedTuple):
-    """Where and when a search starts, and its horizon."""
+class _Steps(NamedTuple):
+    """Moves from which an ant may choose: move k goes to the flat cell `base` + offset[k] in time[k] s."""
 
+    base: np.int64
+    offset: Ints  # [K]
+    time: Floats  # [K]
+    spent: float  # s; cost of the distance so far
+    cost_rate: float  # see `_Shared`
+
+
+class _Choices(NamedTuple):
+    """Scratch for the moves that may improve the best path, their promised costs, and their weights."""
+
+    move: Ints  # [LEGS]
+    cost: Floats  # [LEGS] s; earliest arrival at the goal plus the cost of the distance
+    weight: Floats  # [LEGS]
+
+
+class _Shared(NamedTuple):
+    """What the ants of one search share, and where and when it starts."""
+
+    memory: Memory
+    trails: Trails
+    context: PlanningContext
+    predictions: Predictions
+    choices: _Choices
+    state: State  # of the random generator
     x: float  # m
     y: float
     t0: float  # s
@@ -69,48 +93,20 @@ class _Origin(NamedTuple):
     moves: np.uint64  # see `ColonySettings`
 
 
-class _Steps(NamedTuple):
-    """Moves from which an ant may choose: move k goes to the flat cell `base` + offset[k] in time[k] s."""
-
-    base: np.int64
-    offset: Ints  # [K]
-    time: Floats  # [K]
-    spent: float  # s; cost of the distance so far
-    cost_rate: float  # see `_Origin`
-
-
-class _Choices(NamedTuple):
-    """Scratch for the moves that may improve the best path, their promised costs, and their weights."""
-
-    move: Ints  # [LEGS]
-    cost: Floats  # [LEGS] s; earliest arrival at the goal plus the cost of the distance
-    weight: Floats  # [LEGS]
-
-
 @inner_kernel
-def _expand(
-    memory: Memory,
-    context: PlanningContext,
-    predictions: Predictions,
-    origin: _Origin,
-    s: int,
-    cell: int,
-    duration: float,
-    x: float,
-    y: float,
-) -> int:
+def _expand(shared: _Shared, s: int, cell: int, duration: float, x: float, y: float) -> int:
     """Drive from state s at (x, y) as early as possible to each safe interval of `cell`; keep the cheaper arrivals.
 
     Without a cost of distance the cheaper arrival is the earlier one. Returns the first state that was improved, or -1.
     """
-    improved = -1
+    memory, context, predictions, improved = shared.memory, shared.context, shared.predictions, -1
     gx, gy = centre(context, cell)
     if memory.stamp[cell] != memory.counter[GENERATION]:
-        open_cell(memory, cell, gx, gy, origin.longest_move, origin.t0, origin.horizon, predictions.segments)
+        open_cell(memory, cell, gx, gy, shared.longest_move, shared.t0, shared.horizon, predictions.segments)
     memory.counter[EXPANSIONS] += 1
     vx, vy = ((gx - x) / duration, (gy - y) / duration) if duration > 0.0 else (0.0, 0.0)
     since = memory.arrival[s]
-    limit, distance_cost = min(memory.high[s], origin.horizon), memory.distance_cost[s] + origin.cost_rate * duration
+    limit, distance_cost = min(memory.high[s], shared.horizon), memory.distance_cost[s] + shared.cost_rate * duration
     for c in range(memory.first[cell], memory.first[cell] + memory.intervals[cell]):
         if memory.high[c] <= since + duration:
             continue
@@ -129,10 +125,10 @@ def _expand(
                 continue
             memory.arrival[c], memory.depart[c], memory.parent[c] = arrival, depart, s
             memory.tried[c], memory.distance_cost[c] = np.uint64(0), distance_cost
-            push(memory, arrival + context.field[cell] + (distance_cost + origin.cost_rate * context.field[cell]), c)
+            push(memory, arrival + context.field[cell] + (distance_cost + shared.cost_rate * context.field[cell]), c)
             if improved < 0:
                 improved = c
-    if improved >= 0 and origin.cost_rate == 0.0:  # if distance costs, a later arrival may be cheaper
+    if improved >= 0 and shared.cost_rate == 0.0:  # if distance costs, a later arrival may be cheaper
         memory.latest[cell] = memory.arrival[memory.first[cell] : memory.first[cell] + memory.intervals[cell]].max()
     return improved
 
@@ -219,46 +215,36 @@ def _draw(choices: _Choices, n: int, total: float, state: State) -> int:
 
 
 @inner_kernel
-def _step(
-    memory: Memory,
-    trails: Trails,
-    context: PlanningContext,
-    predictions: Predictions,
-    origin: _Origin,
-    choices: _Choices,
-    s: int,
-    beta: float,
-    limit: float,
-    state: State,
-) -> int:
+def _step(shared: _Shared, s: int, beta: float, limit: float) -> int:
     """Let an ant in state s draw moves by Eq. (1) until one improves a state; return that state, or -1.
 
     The least promise of the untried moves becomes the key of s among the open states.
     """
+    memory, trails, context, choices = shared.memory, shared.trails, shared.context, shared.choices
     cell, now = memory.cell[s], memory.arrival[s]
     if s == 0:
-        steps = _Steps(np.int64(0), memory.leg_cell, memory.leg_time, 0.0, origin.cost_rate)
-        promised, untried = now + origin.here + origin.cost_rate * origin.here, origin.legs & ~memory.tried[0]
+        steps = _Steps(np.int64(0), memory.leg_cell, memory.leg_time, 0.0, shared.cost_rate)
+        promised, untried = now + shared.here + shared.cost_rate * shared.here, shared.legs & ~memory.tried[0]
         n, total = _weigh(memory, trails, context, steps, untried, now, promised, beta, limit, False, choices)
     else:
-        steps = _Steps(np.int64(cell), context.offset, origin.time, memory.distance_cost[s], origin.cost_rate)
-        untried, field = context.legal[cell] & origin.moves & ~memory.tried[s], context.field[cell]
-        promised = now + field + (memory.distance_cost[s] + origin.cost_rate * field)
+        steps = _Steps(np.int64(cell), context.offset, shared.time, memory.distance_cost[s], shared.cost_rate)
+        untried, field = context.legal[cell] & shared.moves & ~memory.tried[s], context.field[cell]
+        promised = now + field + (memory.distance_cost[s] + shared.cost_rate * field)
         n, total = _weigh(memory, trails, context, steps, untried, now, promised, beta, limit, trails.mark[cell], choices)
-    x, y = (origin.x, origin.y) if s == 0 else centre(context, cell)
+    x, y = (shared.x, shared.y) if s == 0 else centre(context, cell)
     then = -1
     while then < 0 and total > 1e-9:
-        i = _draw(choices, n, total, state)
+        i = _draw(choices, n, total, shared.state)
         if i < 0:  # all were drawn, and `total` is what rounding has left
             break
         k = choices.move[i]
         memory.tried[s] |= np.uint64(1) << np.uint64(k)
         total -= choices.weight[i]
         choices.weight[i], choices.cost[i] = 0.0, math.inf
-        target, duration = (memory.leg_cell[k], memory.leg_time[k]) if s == 0 else (cell + context.offset[k], origin.time[k])
+        target, duration = (memory.leg_cell[k], memory.leg_time[k]) if s == 0 else (cell + context.offset[k], shared.time[k])
         if s == 0 and not clear(context, x, y, *centre(context, target)):
             continue
-        then = _expand(memory, context, predictions, origin, s, target, duration, x, y)
+        then = _expand(shared, s, target, duration, x, y)
     memory.key[s], least = math.inf, choices.cost[:n].min() if n else math.inf
     if least < math.inf:
         push(memory, least, s)
@@ -274,17 +260,18 @@ def _promise(memory: Memory) -> float:
 
 
 @inner_kernel
-def _cost(memory: Memory, context: PlanningContext, origin: _Origin, stay: float, s: int) -> tuple[bool, float]:
+def _cost(shared: _Shared, stay: float, s: int) -> tuple[bool, float]:
     """Tell whether state s is at the goal, where the robot can stay for `stay` s, and return the cost of its path, s.
 
     A robot that may stand elsewhere until the horizon follows the field from there; without this the cost is infinite.
     """
+    memory, context = shared.memory, shared.context
     cell, now, high = memory.cell[s], memory.arrival[s], memory.high[s]
     if cell < 0:
         return False, math.inf
     arrived = cell == context.goal and high >= now + stay
-    done = now if arrived else max(now, origin.horizon) if high >= origin.horizon else math.inf
-    return arrived, done + context.field[cell] + (memory.distance_cost[s] + origin.cost_rate * context.field[cell])
+    done = now if arrived else max(now, shared.horizon) if high >= shared.horizon else math.inf
+    return arrived, done + context.field[cell] + (memory.distance_cost[s] + shared.cost_rate * context.field[cell])
 
 
 @shared_kernel
@@ -331,7 +318,8 @@ def search(
         return -1, math.inf, least
     choices = _Choices(np.empty(LEGS, np.int64), np.empty(LEGS), np.empty(LEGS))
     time, bits = context.step[:, 2].copy(), ~np.uint64(0) >> np.uint64(64 - legs)
-    origin = _Origin(x, y, t0, horizon, here, bits, time.max() * context.speed, cost_rate, time, settings.moves)
+    known, farthest = (memory, trails, context, predictions, choices, state), time.max() * context.speed
+    shared = _Shared(*known, x, y, t0, horizon, here, bits, farthest, cost_rate, time, settings.moves)
     memory.counter[STATE_COUNT] = 1  # later intervals of the start cannot be reached by waiting there
     memory.arrival[0], memory.parent[0] = t0, -1
     push(memory, least, 0)
@@ -349,14 +337,14 @@ def search(
         ant += 1
         while memory.counter[EXPANSIONS] < max_expansions:
             below = best_cost - settings.minimum_improvement
-            arrived, cost = _cost(memory, context, origin, settings.stay, s)
+            arrived, cost = _cost(shared, settings.stay, s)
             if cost < below:
                 best, best_cost, below = s, cost, cost - settings.minimum_improvement
                 deposit(memory, trails, context, s, settings.amount / (best_cost - t0))  # Eq. (2)
             if arrived or memory.arrival[s] >= horizon:
                 memory.key[s] = math.inf
                 break
-            then = _step(memory, trails, context, predictions, origin, choices, s, beta, below, state)
+            then = _step(shared, s, beta, below)
             if then < 0 or memory.key[then] > most:
                 break
             s = then
