@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,11 @@ from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED,
 from antway.kernels.robot.cycle import play
 from antway.kernels.robot.motion import REST
 from antway.world.entries import Entries
-from antway.world.policy import Command, Decision, Observation
+from antway.world.policy import Command, Observation
 from antway.world.pursuit import Pursuit
 from antway.world.robots import body_gap
 from antway.world.scenario import MAX_STEPS, Scenario
 from antway.world.sensor import Scanner
-from antway.world.stops import Rounds
 from antway.world.terrain import body_of, terrain_of, walls_of
 from antway.world.trace import Outcome, Trace
 
@@ -131,17 +129,8 @@ class Stage:
         if line is not self.timeline:
             self.timeline = self.scanner.timeline = self.pursuit.use(line)
 
-    def trace(
-        self,
-        policy: str,
-        outcome: Outcome,
-        reason: str,
-        *,
-        decisions: tuple[tuple[int, Decision], ...] = (),
-        config: Mapping[str, Any] | None = None,
-        rounds: Rounds | None = None,
-    ) -> Trace:
-        """Return the record so far, with these descriptions of the episode."""
+    def trace(self, policy: str, outcome: Outcome, reason: str, **more: Any) -> Trace:
+        """Return the record so far, with these descriptions of the episode, and `more` fields of `Trace`."""
         n = self.n
         return Trace(
             task=self.task,
@@ -152,9 +141,7 @@ class Stage:
             **{name: getattr(self, name)[:n].copy() for name in ("command", "cycle_ms")},
             timeline=self.timeline,
             sensed=np.concatenate((self.sensed[:n], self.sensed[max(n - 1, 0) : max(n, 1)])),
-            decisions=decisions,
             outcome=outcome,
             reason=reason,
-            config={} if config is None else config,
-            rounds=rounds,
+            **{"decisions": (), **more},
         )

@@ -21,6 +21,8 @@ from antway.policies.antway.tracker import FIRST_OWN_ID
 from antway.policies.encounter import closest_approach, encounter
 from antway.world.policy import XY, Decision
 
+Pheromone = tuple[int, int, NDArray[np.float32]]  # as in `Decision`
+
 _STEPS = {"braked": "brake", "stepped-aside": "step-aside"}
 _SHOWN = 6.0  # s; a decision contains the prediction up to this time ahead
 _STANDS = 1.0  # s; an explanation is renewed after this time, even if the plan stays
@@ -31,7 +33,7 @@ _AWAY = 2.0  # s; a robot on wheels that loses more time than its plan by what i
 _STEP = 0.1  # s; a plan is looked at in steps of this length
 
 
-def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.float32]] | None, memory: Memory) -> Decision:
+def explain_cycle(s: State, why: str, pheromone: Pheromone | None, memory: Memory) -> Decision:
     """Return the explanation of the cycle that `s.cycle` tells of; `why` is the guard's reason, the rest is as in `explain`."""
     assert s.cycle is not None, "act comes first"
     (seen, arrival, bound), known = s.cycle, len(s.tracker.estimates)
@@ -45,28 +47,18 @@ def explain_cycle(s: State, why: str, pheromone: tuple[int, int, NDArray[np.floa
     if s.detours.is_cut_off(seen.xy, s.settings.colony.leg_cells):
         made = Decision("stuck", CUT_OFF, guard=s.did[0], pheromone=pheromone)
     else:
-        made = explain(snapshot, s.path, arrival - t, bound - t, *s.did, pheromone, memory)
+        made = explain(s, snapshot, arrival - t, bound - t, pheromone, memory)
     doubt = _DOUBT if s.tracker.doubts_velocities else ""
     notes = made.reason, why, str(s.yielding), str(s.dance), str(s.response), doubt
     return replace(made, reason="; ".join(filter(None, notes)))
 
 
-def explain(
-    now: Snapshot,
-    path: TimedPath | None,
-    cost: float,
-    bound: float,
-    guard: str,
-    stands: bool,
-    pheromone: tuple[int, int, NDArray[np.float32]] | None,
-    memory: Memory,
-) -> Decision:
-    """Return the decision of a control cycle.
+def explain(s: State, now: Snapshot, cost: float, bound: float, pheromone: Pheromone | None, memory: Memory) -> Decision:
+    """Return the decision of a control cycle, with the plan in use that starts at or before `now.now`.
 
-    The plan in use, `path`, starts at or before `now.now`. It needs `cost` s from here to the goal, and any plan at least
-    `bound` s. `guard` is what the guard did, and `stands` tells whether the command is to stand. `memory` is that in which the
-    ants search.
+    It needs `cost` s from here to the goal, and any plan at least `bound` s. `memory` is that in which the ants search.
     """
+    path, (guard, stands) = s.path, s.did
     if path is None:
         return Decision("wait", "no motion is safe at the moment: stand", guard=guard, pheromone=pheromone)
     velocity = _velocity(path, now.now)
