@@ -10,13 +10,12 @@ import numpy as np
 from antway import checks
 from antway.baselines.replan import Follow, now
 from antway.kernels.base.jit import call
-from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import make_state
 from antway.kernels.baselines.mppi import Sampling, path_integral
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
-from antway.kernels.controls.problem import ControlProblem, CostWeights
+from antway.kernels.controls.problem import CostWeights
 from antway.world.policy import Command, Observation, Task, commanded
-from antway.world.rollouts import acting, empty_outlook, finite_limits, make_batch, static_field
+from antway.world.rollouts import acting, control_problem, make_batch
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -88,15 +87,7 @@ class Mppi(Follow):
             ramps=1.0,
             swerve=math.inf,
         )
-        self.problem = ControlProblem(
-            RobotState(0.0, 0.0, 0.0, 0.0, 0.0),
-            finite_limits(robot),
-            robot.dt,
-            static_field(task, self.search.field),
-            empty_outlook(steps),
-            weights,
-            make_batch(0.0, summed=True),
-        )
+        self.problem = control_problem(task, self.search.field, steps, weights, make_batch(0.0, summed=True))
         self.margins = Margins(self.margin, self.preferred_gap, 0.0, 0.0, 0.0, 0.0, 1.0)
         self.bounds = SpeedBounds(robot.v_max, 0.0, 0.0, 0.0)
         self.nominal = np.zeros((steps, 2))

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.records import RobotLimits, RobotState
 from antway.kernels.controls.abreast import BATCH, ROWS
 from antway.kernels.controls.fields import beyond_walls, fitting_poses, turning_times, wall_distance
-from antway.kernels.controls.problem import Batch, NearObstacle, Outlook, StaticField
+from antway.kernels.controls.problem import Batch, ControlProblem, CostWeights, NearObstacle, Outlook, StaticField
 from antway.kernels.controls.seeds import descent_points
 from antway.world.manoeuvres import manoeuvre_losses
 from antway.world.policy import XY, Observation, Task
@@ -102,6 +103,13 @@ def make_batch(length: float, summed: bool = False) -> Batch:
     """
     harm, path = np.zeros((BATCH, 0 if summed else _OBSTACLES)), np.zeros((descent_points(length), 2))
     return Batch(np.zeros(ROWS * BATCH), np.zeros(BATCH, np.int64), harm, path)
+
+
+def control_problem(task: Task, times: Floats, steps: int, weights: CostWeights, batch: Batch) -> ControlProblem:
+    """Return the problem of a robot at rest at (0, 0) on an empty map; the times are those of `static_field`."""
+    field, limits = static_field(task, times), finite_limits(task.robot)
+    start = RobotState(0.0, 0.0, 0.0, 0.0, 0.0)
+    return ControlProblem(start, limits, task.robot.dt, field, empty_outlook(steps), weights, batch)
 
 
 def _by_heading(

@@ -16,7 +16,7 @@ from antway.kernels.controls.lookup import depth_in_wall
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead, spread_plan
 from antway.kernels.controls.path import same_path
-from antway.kernels.controls.problem import GOAL_SPEED, ControlProblem, CostWeights, StaticField
+from antway.kernels.controls.problem import GOAL_SPEED, CostWeights, StaticField
 from antway.kernels.controls.seeds import SEEDS
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
@@ -24,7 +24,7 @@ from antway.policies.antway.control_options import ControlOptions
 from antway.policies.guard import assumed_swerve, relative_swerve
 from antway.world.policy import Command, Observation, Task, commanded
 from antway.world.robots import RobotSpec
-from antway.world.rollouts import empty_outlook, finite_limits, make_batch, static_field, static_time
+from antway.world.rollouts import control_problem, finite_limits, make_batch, static_time
 
 _AGILE = 0.8  # m/s; the numbers of `ControlOptions` are for robots with this top speed or more
 _SLOWEST = 4.0  # 1; robots slower than `_AGILE` by more than this drive as if it were this, or they flee from all that moves
@@ -55,15 +55,8 @@ class ControlColony:
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
         self.slowness = min(max(_AGILE / robot.v_max, 1.0), _SLOWEST)
-        self.problem = ControlProblem(
-            start=RobotState(0.0, 0.0, 0.0, 0.0, 0.0),
-            limits=finite_limits(robot),
-            dt=robot.dt,
-            field=static_field(task, time_to_goal.reshape(task.grid.shape)),
-            outlook=empty_outlook(steps),
-            weights=_weights(o, robot, self.slowness, task, strict),
-            batch=make_batch(robot.v_max * steps * robot.dt),
-        )
+        weights, batch = _weights(o, robot, self.slowness, task, strict), make_batch(robot.v_max * steps * robot.dt)
+        self.problem = control_problem(task, time_to_goal.reshape(task.grid.shape), steps, weights, batch)
         if task.stay > 0.0:
             self._stand_at_goal()
         self.margins, self.bounds = self._by_response()
