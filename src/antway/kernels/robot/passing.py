@@ -140,17 +140,6 @@ def passed_command(
 
 
 @bare_kernel
-def _first_certified(state: RobotState, commands: Floats, tracks: Floats, robot: Robot) -> int:
-    """Return the index of the first of `commands`, float64[N, 2], that passes unchanged, or 0 if none does."""
-    situation = situation_of(state, robot, tracks)
-    for i in range(len(commands)):
-        ca, cb = clipped(commands[i, 0], commands[i, 1], robot.limits)
-        if stop_for(situation, ca, cb):
-            return i
-    return 0
-
-
-@bare_kernel
 def passed_among(
     state: RobotState, commands: Floats, tracks: Floats, robot: Robot, lookahead: float
 ) -> tuple[float, float, int]:
@@ -162,7 +151,10 @@ def passed_among(
     if len(commands) == 1:
         return passed_command(state, commands[0, 0], commands[0, 1], tracks, robot, lookahead)
     counted, ahead = (tracks, lookahead) if robot.strict else (tracks[:0], 0.0)
-    i = _first_certified(state, commands, counted, robot)
+    situation, i = situation_of(state, robot, counted), 0
+    while i < len(commands) and not stop_for(situation, *clipped(commands[i, 0], commands[i, 1], robot.limits)):
+        i += 1
+    i = i if i < len(commands) else 0  # the first one, if none passes unchanged
     one, two, did = passed_command(state, commands[i, 0], commands[i, 1], counted, robot, ahead)
     if did == FREE and not robot.strict and not stop_for(situation_of(state, robot, tracks), one, two):
         did = LEAST_HARM

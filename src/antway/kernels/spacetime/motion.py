@@ -169,9 +169,8 @@ def shorten(context: PlanningContext, predictions: Predictions, knots: Floats, o
             if t + duration <= arrive[j] + TOUCH and (j == i + 1 or clear(context, x[i], y[i], x[j], y[j])):
                 vx, vy = (x[j] - x[i]) / duration, (y[j] - y[i]) / duration
                 leave = earliest_departure(x[i], y[i], vx, vy, duration, t, depart[i], predictions)
-            if leave + duration <= arrive[j] + TOUCH and can_stay(
-                x[j], y[j], leave + duration, depart[j], predictions.segments
-            ):
+            there = leave + duration
+            if there <= arrive[j] + TOUCH and can_stay(x[j], y[j], there, depart[j], predictions.segments):
                 break
             if j == i + 1:
                 leave, duration = depart[i], arrive[j] - depart[i]  # keep the old leg

@@ -180,14 +180,13 @@ def predict(
             until = t + share * (end - t) if mirrored else end
             if until > t:
                 width = tube_width(margins, sigma, sigma_v, max(until + age, 0.0), gap, not on_trajectory)
+                contact = bodies + max(min(width, gap - 1e-6), 0.0)
+                clearance = max(present - 1e-6, 0.0) if leaving else bodies + width + deviation
+                if on_trajectory and t > FAR_AHEAD - 1e-9 and vx * vx + vy * vy > 0.01:
+                    clearance = max(clearance - _LESS_CLEARANCE, contact)
                 out[n, records.T0], out[n, records.T1] = now + t, now + until
                 out[n, records.X], out[n, records.Y], out[n, records.VX], out[n, records.VY] = x, y, vx, vy
-                out[n, records.CONTACT_RADIUS] = bodies + max(min(width, gap - 1e-6), 0.0)
-                out[n, records.CLEARANCE_RADIUS] = max(present - 1e-6, 0.0) if leaving else bodies + width + deviation
-                if on_trajectory and t > FAR_AHEAD - 1e-9 and vx * vx + vy * vy > 0.01:
-                    out[n, records.CLEARANCE_RADIUS] = max(
-                        out[n, records.CLEARANCE_RADIUS] - _LESS_CLEARANCE, out[n, records.CONTACT_RADIUS]
-                    )
+                out[n, records.CONTACT_RADIUS], out[n, records.CLEARANCE_RADIUS] = contact, clearance
                 n += 1
                 x, y, t = x + vx * (until - t), y + vy * (until - t), until
             if mirrored:
