@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from antway import Grid, RobotSpec, Scenario, World, distance_field, run
+from antway.kernels.tracking.tubes import first_conflict
 from antway.policies.paper.routes import PathsFrom, Routes
 from antway.policies.paper.tubes import Tubes
 from antway.world.policy import Observation, Tracks
@@ -67,7 +68,7 @@ def test_conflicts_are_those_that_sampling_finds() -> None:
     for _ in range(cases(40, 2000)):
         trajectory, xy = tubes(rng), rng.uniform(1, 9, (4, 2))
         t = np.cumsum(rng.uniform(0.5, 2.0, 4))
-        when, obstacle = trajectory.conflict(t, xy, 7.0, 0.3)
+        when, obstacle = first_conflict(t, xy, 7.0, 0.3, 0.0, trajectory.trajectories)
         times = np.linspace(t[0], max(7.0, t[0]), 1500)
         gaps = np.array([gap(trajectory, s, np.interp(s, t, xy[:, 0]), np.interp(s, t, xy[:, 1]), 0.0) for s in times]) - 0.3
         inside = np.flatnonzero(gaps < -0.01)
