@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from antway.arena.suites import Episode, load_suite, robot_name, stage
+from antway.arena.suites import SuiteEpisode, load_suite, robot_name, stage
 from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.episode import run
@@ -35,7 +35,7 @@ def measure(name: str, level: str, episodes: int, first: int, robot: str) -> dic
     ratios, ms, outcomes = [], [], []
     for i in range(episodes):
         number, group = first + i // len(groups), groups[i % len(groups)]
-        episode = Episode("synthetic", f"synthetic on {robot_name(robot)}", group, number, robot)
+        episode = SuiteEpisode("synthetic", f"synthetic on {robot_name(robot)}", group, number, robot)
         scenario, facts = stage(episode)
         result = run(scenario, AntwayPolicy(controls=SEARCHES[name]), seed=episode.seed, record=False)
         outcomes.append(result.outcome)

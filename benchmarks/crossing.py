@@ -68,7 +68,7 @@ def local(seeds: int) -> list[dict[str, object]]:
             ms["SIPP"].append(1e3 * best)
         predictions = Predictions(segments, 0.0)
         for name, (betas, amount) in COLONIES.items():
-            settings, best = spacetime.ColonySettings(0, betas, SLACK, IMPROVEMENT, amount, 0.0, 0.0), math.inf
+            settings, best = spacetime.AntSettings(0, betas, SLACK, IMPROVEMENT, amount, 0.0, 0.0), math.inf
             for _ in range(3):
                 trails, state = make_trails(31 * 31), np.array([seed], np.uint64)
                 started = time.process_time()

@@ -12,13 +12,13 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
-from antway.arena.suites import Episode, build, facts
+from antway.arena.suites import SuiteEpisode, build, facts
 from antway.arena.synthetic import FAMILIES
 from antway.search.sipp import Sipp
 from antway.world.line_of_sight import goal_of_cells
 
 
-def ratios(episode: Episode, delays: list[float]) -> list[float]:
+def ratios(episode: SuiteEpisode, delays: list[float]) -> list[float]:
     """Return the optimum of each delayed start over that of a start at once; NaN if the robot is hit while it stands."""
     scenario = build(episode)
     task, bound = scenario.task, facts(scenario, episode.seed).bound
@@ -42,7 +42,7 @@ def main() -> None:
     print("|---" * (1 + len(delays)) + "|")
     with ProcessPoolExecutor() as workers:
         for level in ("low", "medium", "high"):
-            episodes = [Episode("synthetic", "synthetic", f"{family}/{level}", k) for family in FAMILIES for k in numbers]
+            episodes = [SuiteEpisode("synthetic", "synthetic", f"{family}/{level}", k) for family in FAMILIES for k in numbers]
             table = np.array(list(workers.map(ratios, episodes, [delays] * len(episodes))))
             print(f"| {level} | " + " | ".join(f"{value:.3f}" for value in np.nanmean(table, axis=0)) + " |")
 

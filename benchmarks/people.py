@@ -36,7 +36,7 @@ import numpy as np
 from antway import Command, Decision, Observation, Policy, Scenario, Task, Tracks, check_episode, make_policy, run
 from antway.arena.causes import by_cause, with_cause
 from antway.arena.store import Row
-from antway.arena.suites import Episode, build, episodes, facts
+from antway.arena.suites import SuiteEpisode, build, episodes, facts
 from antway.version import __version__
 from antway.world.motions import Bounce, Replay, Waypoints
 
@@ -147,7 +147,7 @@ TOLD: dict[str, Callable[[np.random.Generator], Told]] = {
 }
 
 
-def play(episode: Episode, names: list[str], change: str, check: bool) -> list[Row]:
+def play(episode: SuiteEpisode, names: list[str], change: str, check: bool) -> list[Row]:
     """Return a row for each policy."""
     scenario = build(episode)
     if change in CHANGES:
@@ -203,7 +203,7 @@ def main() -> None:
     with ProcessPoolExecutor(options.workers) as pool:
         for group in options.groups.split(",") if options.groups else [one.group for one in named]:
             numbers = range(options.first, options.first + options.episodes)
-            wanted = [Episode(options.suite, named[0].suite, group, number, options.robot) for number in numbers]
+            wanted = [SuiteEpisode(options.suite, named[0].suite, group, number, options.robot) for number in numbers]
             played = list(pool.map(play, wanted, repeat(names), repeat(options.change), repeat(options.check)))
             rows = {name: [episode[i] for episode in played] for i, name in enumerate(names)}
             base = {row.episode: row for row in rows[names[-1]]}

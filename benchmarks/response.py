@@ -32,7 +32,7 @@ from itertools import repeat
 import numpy as np
 
 from antway import Command, Decision, Observation, Policy, RobotSpec, Task, make_policy, run
-from antway.arena.suites import Episode, build, facts
+from antway.arena.suites import SuiteEpisode, build, facts
 from antway.ros2.frames import chain, inverse, move_tracks, turn
 
 KINDS = ("open", "clutter", "aisles")
@@ -142,7 +142,7 @@ class Misled:
         return self.policy.explain()
 
 
-def play(episode: Episode, name: str, change: Change) -> tuple[str, float]:
+def play(episode: SuiteEpisode, name: str, change: Change) -> tuple[str, float]:
     """Return the outcome, and the time over the optimum."""
     scenario = build(episode)
     misled = Misled(make_policy(name), scenario.robot, change)
@@ -168,7 +168,9 @@ def main() -> None:
             for name in options.policies.split(","):
                 numbers = range(options.first, options.first + options.episodes)
                 wanted = [
-                    Episode("synthetic", "synthetic", f"{kind}/{options.level}", k, robot) for kind in KINDS for k in numbers
+                    SuiteEpisode("synthetic", "synthetic", f"{kind}/{options.level}", k, robot)
+                    for kind in KINDS
+                    for k in numbers
                 ]
                 played = list(pool.map(play, wanted, repeat(name), repeat(CHANGES[change])))
                 outcomes = [outcome for outcome, _ in played]

@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 
 from antway import Command, Decision, Grid, Observation, Outcome, Problem, Task, run, solve
-from antway.arena.suites import Episode, load_suite, stage
+from antway.arena.suites import SuiteEpisode, load_suite, stage
 from antway.ros2.frames import HERE, Odometry
-from antway.ros2.goals import OK, STAND, Answer, Goal
+from antway.ros2.goals import OK, STAND, Goal, PilotAnswer
 from antway.ros2.path import tracking
 from antway.ros2.pilot import Pilot
-from antway.ros2.scan import Background, Laser, Tracker, discs, without_ids
+from antway.ros2.scan import Background, Laser, ScanTracker, discs, without_ids
 from antway.ros2.settings import Settings, parameters
 from antway.world.policy import Tracks
 
@@ -39,8 +39,8 @@ class RosPilot:
         values: dict[str, Any] = {name: one.default for name, one in parameters().items() if not name.startswith("robot.")}
         values |= {"robot.name": robot, "task.stay": 0.0} | ({} if corridor is None else {"corridor": corridor})
         self.pilot, self.follows = Pilot(Settings.of(values)), corridor is not None
-        self.laser, self.tracker = Laser(0.5) if laser else None, Tracker()
-        self.answer, self.aside = Answer(STAND, OK, ""), 0.0
+        self.laser, self.tracker = Laser(0.5) if laser else None, ScanTracker()
+        self.answer, self.aside = PilotAnswer(STAND, OK, ""), 0.0
 
     def reset(self, task: Task, seed: int) -> None:
         """Give the pilot the map, and the path or the goal."""
@@ -97,7 +97,7 @@ def measured(grid: Grid, seen: Observation) -> np.ndarray:
 
 def drive(robot: str, corridor: float | None, laser: bool, group: str, number: int) -> tuple[bool, float, float]:
     """Return whether the robot arrived, its time over the optimum, and how far it came from the path, m."""
-    scenario, facts = stage(Episode("synthetic", f"{load_suite('synthetic').name} on {robot}", group, number, robot))
+    scenario, facts = stage(SuiteEpisode("synthetic", f"{load_suite('synthetic').name} on {robot}", group, number, robot))
     policy = RosPilot(robot, corridor, laser)
     result = run(scenario, policy, seed=number, record=False)
     if result.outcome is Outcome.ERROR:

@@ -13,7 +13,7 @@ from itertools import product
 
 from antway.arena.engines import Job, play
 from antway.arena.store import Row
-from antway.arena.suites import Episode, load_suite, robot_name
+from antway.arena.suites import SuiteEpisode, load_suite, robot_name
 from antway.arena.summary import Summary, summarise
 from report import write, written
 
@@ -47,7 +47,7 @@ def tune(baseline: str, robot: str, groups: tuple[str, ...], more: int) -> list[
         specs = sorted(specs, key=lambda spec: _score(rows[spec]))[:kept]
         for number in range(FIRST + low, FIRST + high):
             for group in groups:
-                episode = Episode("synthetic", suite, group, number, robot)
+                episode = SuiteEpisode("synthetic", suite, group, number, robot)
                 for spec in specs:
                     rows[spec].append(play(Job(episode, spec))[0])
     return [(spec, summarise(rows[spec])[-1]) for spec in sorted(specs, key=lambda spec: _score(rows[spec]))]

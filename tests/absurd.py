@@ -28,7 +28,7 @@ from antway.policies.guard import Guard
 from antway.ros2 import convert
 from antway.ros2.goals import Goal
 from antway.ros2.pilot import Pilot
-from antway.ros2.scan import Background, Tracker, discs, read_points, without_ids
+from antway.ros2.scan import Background, ScanTracker, discs, read_points, without_ids
 from antway.ros2.settings import Settings
 from antway.web.session import Session
 from antway.world.episode import Episode
@@ -116,7 +116,7 @@ def message(case: dict[str, Any]) -> None:
     pilot = Pilot(Settings.of(defaults(**{"robot.drive": case["drive"]})))
     pilot.receive_map(ROOM)
     pilot.go(Goal((8.0, 8.0), gives_up=False))
-    tracker = Tracker()
+    tracker = ScanTracker()
     for k in range(5):
         one = case["messages"][k % len(case["messages"])]
         t = 1.0 + 0.1 * k

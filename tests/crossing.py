@@ -56,7 +56,7 @@ def colony(
     """Search a local problem; returns memory, end state, cost, bound."""
     cells = context.field.size
     memory = make_memory(cells, states, 1 << 18)
-    settings = spacetime.ColonySettings(leg_cells, BETAS, SLACK, minimum_improvement, 1.0, distance_weight, 0.0)
+    settings = spacetime.AntSettings(leg_cells, BETAS, SLACK, minimum_improvement, 1.0, distance_weight, 0.0)
     end, arrival, bound = spacetime.search(
         memory, make_trails(cells), context, Predictions(segments, stopping_time), settings, x, y, 0.0, horizon,
         math.inf, expansions, np.array([seed], np.uint64),

@@ -18,7 +18,7 @@ from antway import BadInput, Command, Grid, Observation, RobotSpec, Task, Tracks
 from antway.kernels.base.geometry import first_wall
 from antway.policies.guard import Guard, check_observation
 from antway.ros2 import convert
-from antway.ros2.scan import Tracker
+from antway.ros2.scan import ScanTracker
 from antway.world.motions import BackAndForth, Bounce, Line, Pursue, RandomWalk, Replay, Waypoints
 
 HEAD = 'map = "m.txt"\nstart = [1.5, 1.5]\ngoal = [8.5, 8.5]\n'
@@ -138,8 +138,8 @@ def test_a_guard_forgets_no_obstacle_of_a_number_that_occurs_twice(names):
 def test_a_laser_tracker_does_not_take_two_for_one():
     """D3: tracks of one number that lack velocities never become one."""
     tracks = Tracks([7, 7], [(1.0, 1.0), (3.0, 3.0)], np.full((2, 2), np.nan), [0.3, 0.3])
-    assert len(Tracker().update(0.0, tracks)) == 2
-    assert len(Tracker().update(0.0, Tracks([7, 7, 8], 3.0 * np.eye(3)[:, :2], np.full((3, 2), np.nan), np.ones(3)))) == 3
+    assert len(ScanTracker().update(0.0, tracks)) == 2
+    assert len(ScanTracker().update(0.0, Tracks([7, 7, 8], 3.0 * np.eye(3)[:, :2], np.full((3, 2), np.nan), np.ones(3)))) == 3
 
 
 @pytest.mark.parametrize("policy", ["antway", "paper"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import Grid, Moves, RobotSpec, Scenario, Task, World, check_episode, run
-from antway.arena.suites import Episode, build, episodes
+from antway.arena.suites import SuiteEpisode, build, episodes
 from antway.errors import CellBlocked
 from antway.policies.antway.nodes import make_context, on_cells, planning_context, with_far_nodes
 from antway.policies.antway.policy import AntwayPolicy
@@ -55,7 +55,7 @@ def test_a_fine_map_is_crossed_like_a_coarse_one() -> None:
     """With cells of 5 cm, the search used to spend its moves before it had seen half of what it sees with 20 cm."""
     suite, times = episodes("synthetic", 1, "diff")[0].suite, []
     for number in (6100, 6101, 6102):
-        episode = Episode("synthetic", suite, "aisles/medium", number, "diff")
+        episode = SuiteEpisode("synthetic", suite, "aisles/medium", number, "diff")
         scenario = build(episode)
         grid = finer(scenario.world.grid, 4)
         fine = replace(scenario, world=replace(scenario.world, grid=grid))

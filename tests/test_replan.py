@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, make_policy, run
-from antway.arena.suites import Chance, Episode, build, episodes, facts, seed_of, stage
+from antway.arena.suites import Chance, SuiteEpisode, build, episodes, facts, seed_of, stage
 from antway.errors import BadParameter
 from antway.world.motions import Bounce, Line
 from antway.world.sensor import Sensor
@@ -85,7 +85,7 @@ def test_the_oracle_is_a_bound():
 
 def test_the_oracle_waits_at_the_rim_of_the_goal():
     """Within rounding of the goal's tolerance it may not count as there yet; what comes by then is foreseen as well."""
-    episode = Episode("synthetic", "synthetic", "aisles/high-noise", 22)
+    episode = SuiteEpisode("synthetic", "synthetic", "aisles/high-noise", 22)
     assert run(build(episode), "oracle", seed=episode.seed).reached
 
 

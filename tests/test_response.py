@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from antway import Command, Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, make_policy, run
-from antway.arena.suites import Episode, build
+from antway.arena.suites import SuiteEpisode, build
 from antway.errors import BadParameter
 from antway.kernels.base.records import HOLONOMIC, RobotState
 from antway.kernels.robot.motion import drive_cycle
@@ -336,7 +336,7 @@ def test_speeds_are_compared_with_places(drive: int) -> None:
 def test_a_robot_arrives_though_its_speeds_are_reported_wrongly(robot: str) -> None:
     """It notices, says so, and is not much slower."""
     named = "" if robot == "holonomic" else robot
-    episode = Episode("synthetic", "synthetic", "aisles/medium", 0, named)
+    episode = SuiteEpisode("synthetic", "synthetic", "aisles/medium", 0, named)
     scenario = build(episode)
     right = run(scenario, "antway", seed=episode.seed)
     for change in ("no speeds", "robot's frame"):
@@ -385,14 +385,14 @@ def test_robots_that_are_slower_than_declared_arrive(robot: str, change: str, ha
     """
     named = "" if robot == "holonomic" else robot
     places = hardest + [one for one in product(("clutter", "aisles"), range(6)) if one not in hardest]
-    drives = [Episode("synthetic", "synthetic", f"{kind}/medium", k, named) for kind, k in places[: costly(12, 12)]]
+    drives = [SuiteEpisode("synthetic", "synthetic", f"{kind}/medium", k, named) for kind, k in places[: costly(12, 12)]]
     assert {play(one, "antway", CHANGES[change])[0] for one in drives} == {"reached"}
     assert any(play(one, "antway/learns_response=False", CHANGES[change])[0] != "reached" for one in drives)
 
 
 def test_the_explanation_says_what_was_found() -> None:
     """And every such episode passes its check; the same policy then starts anew with the robot that it is told."""
-    episode = Episode("synthetic", "synthetic", "open/medium", 0, "diff")
+    episode = SuiteEpisode("synthetic", "synthetic", "open/medium", 0, "diff")
     scenario = build(episode)
     late = replace(scenario, robot=Change(latency=0.2).of(scenario.robot))
     policy = make_policy("antway")
@@ -407,7 +407,7 @@ def test_the_explanation_says_what_was_found() -> None:
 
 def test_a_guard_around_the_policy_tells_what_it_sent() -> None:
     """Otherwise a robot that the guard slows down would seem to be slow itself."""
-    episode = Episode("synthetic", "synthetic", "aisles/high", 0, "diff")
+    episode = SuiteEpisode("synthetic", "synthetic", "aisles/high", 0, "diff")
     policy = AntwayPolicy(guard=False)
     guarded = Guarded(policy)
     run(build(episode), guarded, seed=0, horizon=15.0, record=False)

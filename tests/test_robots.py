@@ -23,7 +23,7 @@ from antway import (
     make_policy,
     run,
 )
-from antway.arena.suites import Episode, build, episodes
+from antway.arena.suites import SuiteEpisode, build, episodes
 from antway.errors import InvalidPlan
 from antway.kernels.base.records import RobotState
 from antway.kernels.robot.motion import drive_cycle
@@ -151,7 +151,7 @@ def test_a_footprint_without_wheels_whose_commands_act_late_passes_crowds(tmp_pa
     )
     named = episodes("synthetic", 1, str(file))[0]
     for number in (13000, 13002, 13004):
-        episode = Episode("synthetic", named.suite, "open/medium", number, str(file))
+        episode = SuiteEpisode("synthetic", named.suite, "open/medium", number, str(file))
         result = run(build(episode), make_policy("antway"), seed=episode.seed)
         check_episode(result)
         assert result.reached, number

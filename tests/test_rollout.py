@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, Moves, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, run
-from antway.arena.suites import Episode, build
+from antway.arena.suites import SuiteEpisode, build
 from antway.kernels.base.records import RobotState
 from antway.kernels.controls.abreast import X, Y, judge_all
 from antway.kernels.controls.afterwards import cost_afterwards
@@ -480,7 +480,7 @@ def test_slow_robots_keep_more_room() -> None:
 def test_wheels_whose_speed_changes_at_once_arrive(robot: RobotSpec) -> None:
     """A robot of which nobody says how it accelerates is driven by the colony, too; the plan alone knows no heading."""
     for number in range(cases(2, 50)):
-        result = run(build(Episode("synthetic", "synthetic", "clutter/medium", number, "")).driven_by(robot), seed=number)
+        result = run(build(SuiteEpisode("synthetic", "synthetic", "clutter/medium", number, "")).driven_by(robot), seed=number)
         check_episode(result)
         assert result.reached, (number, result.reason)
 

@@ -26,12 +26,12 @@ from antway.policies.guard_process import GuardProcess
 from antway.ros2 import compile as compiling
 from antway.ros2 import convert, nav2, tours
 from antway.ros2.frames import Odometry
-from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
+from antway.ros2.goals import ERROR, OK, STAND, WARN, End, Goal, PilotAnswer
 from antway.ros2.markers import decision_message, predictions, predictions_message
 from antway.ros2.path import corridor, keeps_near, tracking
 from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
 from antway.ros2.settings import Settings, parameters, refused
-from antway.ros2.tours import Visit, find_tour
+from antway.ros2.tours import TourGoal, find_tour
 from antway.world.motions import Line
 from antway.world.policy import Task, Tracks
 from antway.world.world import Obstacle
@@ -271,7 +271,7 @@ def ready(goal: Goal | None = None, **changes) -> Drive:
     return drive
 
 
-def until(drive: Drive, done: Callable[[Answer], bool]) -> Answer:
+def until(drive: Drive, done: Callable[[PilotAnswer], bool]) -> PilotAnswer:
     """Step until an answer is as wanted, which may take a thread that plans some time."""
     for _ in range(500):
         answer = drive.step()
@@ -718,7 +718,7 @@ def visit(loops: int = 0) -> tuple[SimpleNamespace, Callable[[], None], list]:
         node.done = done
 
     node.go, ends = go, []
-    Visit(node, (2.0, 2.0, 0.0), [(8.0, 2.0, 0.0), (4.0, 2.0, 0.0)], loops, lambda *end: ends.append(end), print)
+    TourGoal(node, (2.0, 2.0, 0.0), [(8.0, 2.0, 0.0), (4.0, 2.0, 0.0)], loops, lambda *end: ends.append(end), print)
     for _ in range(500):
         if tasks:
             break
@@ -933,7 +933,7 @@ class Piloted:
         self, goal: tuple[float, float], robot: dict, when: float = math.inf, what: str = "", path: bool = False
     ) -> None:
         self.pilot, self.goal, self.when, self.what, self.path = Pilot(settings(**robot)), goal, when, what, path
-        self.answer, self.ends = Answer(STAND, OK, ""), []
+        self.answer, self.ends = PilotAnswer(STAND, OK, ""), []
 
     def reset(self, task: Task, seed: int) -> None:
         self.grid = task.grid

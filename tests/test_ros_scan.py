@@ -15,7 +15,7 @@ from antway.errors import BadParameter
 from antway.ros2 import frames
 from antway.ros2.goals import Goal
 from antway.ros2.pilot import Pilot
-from antway.ros2.scan import Background, Laser, Tracker, discs, newest_reached, read_points, without_ids
+from antway.ros2.scan import Background, Laser, ScanTracker, discs, newest_reached, read_points, without_ids
 from antway.ros2.settings import Settings
 from antway.scenes import scene
 from antway.world.policy import Command, Decision, Observation, Tracks
@@ -226,7 +226,7 @@ def test_the_tracker_names_and_measures():
     for _ in range(cases(20, 300)):
         n = int(rng.integers(1, 6))
         start = np.column_stack((3.0 * np.arange(n), rng.uniform(0, 1, n)))
-        velocity, tracker = rng.uniform(-1.0, 1.0, (n, 2)), Tracker()
+        velocity, tracker = rng.uniform(-1.0, 1.0, (n, 2)), ScanTracker()
         for i in range(30):
             t = 0.1 * i
             order = rng.permutation(n)
@@ -241,14 +241,14 @@ def test_the_tracker_names_and_measures():
         assert len(lost) == n and len(tracker.update(t + 1.5, Tracks.none())) == 0
         assert len(tracker.update(0.0, without_ids(xy, np.full(n, 0.3)))) == n, "time that goes back begins anew"
     named = Tracks(np.array([7]), np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
-    assert Tracker().update(0.0, named) is named
+    assert ScanTracker().update(0.0, named) is named
     unknown = replace(named, velocity=np.full((1, 2), math.nan))
-    assert Tracker().update(0.0, unknown).id.tolist() == [7]
+    assert ScanTracker().update(0.0, unknown).id.tolist() == [7]
 
 
 def test_nameless_tracks_are_told_apart_by_nearness() -> None:
     """Two crossing discs without names keep their own velocities; one that vanishes is forgotten after a second."""
-    tracker, nan = Tracker(), np.full((2, 2), math.nan)
+    tracker, nan = ScanTracker(), np.full((2, 2), math.nan)
     for i in range(40):
         t = i * 0.1
         xy = np.array([[-2.0 + t, 0.0], [0.6, -2.0 + t]])
@@ -261,7 +261,7 @@ def test_nameless_tracks_are_told_apart_by_nearness() -> None:
 
 def test_a_false_alarm_is_returned_once():
     """Who was seen twice is remembered for a second; the policy decides about who was seen once, as it knows the map."""
-    tracker, none = Tracker(), without_ids(np.empty((0, 2)), np.empty(0))
+    tracker, none = ScanTracker(), without_ids(np.empty((0, 2)), np.empty(0))
     one, two = np.array([[1.0, 1.0]]), np.array([[1.0, 1.0], [5.0, 5.0]])
     assert len(tracker.update(0.0, without_ids(one, np.full(1, 0.3)))) == 1
     assert len(tracker.update(0.1, without_ids(two, np.full(2, 0.3)))) == 2
@@ -274,14 +274,14 @@ def test_of_more_discs_than_it_can_follow_it_follows_the_nearest() -> None:
     """Those around the robot, wherever they are listed."""
     xy = np.column_stack((np.arange(400.0), np.zeros(400)))
     for at in (0.0, 200.0, 399.0):
-        found = Tracker().update(0.0, without_ids(xy, np.full(400, 0.3)), (at, 0.0))
+        found = ScanTracker().update(0.0, without_ids(xy, np.full(400, 0.3)), (at, 0.0))
         assert len(found) == 128 and np.abs(found.xy[:, 0] - at).max() <= 128.0
 
 
 def test_numbers_that_are_missing_or_occur_twice_are_replaced() -> None:
     """Whoever has a number of his own keeps it, and the others get numbers that nobody has."""
     tracker, xy, velocity, radius = (
-        Tracker(),
+        ScanTracker(),
         np.array([[0.0, 0.0], [3.0, 0.0], [6.0, 0.0], [9.0, 0.0]]),
         np.zeros((4, 2)),
         np.ones(4),
@@ -298,7 +298,7 @@ def test_what_passes_behind_another_keeps_its_velocity() -> None:
     """
     grid, pose, still = Grid(np.zeros((80, 80), bool), 0.2, (-8.0, -8.0, 0.0)), (0.0, 0.0, 0.0), np.array([2.0, 0.0])
     for behind in (2.75, 3.0, 3.5):
-        rng, tracker, worst = np.random.default_rng(3), Tracker(), [0.0, 0.0]
+        rng, tracker, worst = np.random.default_rng(3), ScanTracker(), [0.0, 0.0]
         for k in range(60):
             t = 0.1 * k
             moves = np.array([behind, -2.4 + 0.8 * t])
@@ -320,7 +320,7 @@ class Seeing:
         self.world, self.pilot, self.tracker = (
             world,
             Pilot(Settings.of(defaults() | changes)),
-            Tracker(),
+            ScanTracker(),
         )
         self.drove: list[Decision] = []
 

@@ -9,7 +9,7 @@ import pytest
 
 from antway import Grid, RobotSpec, Scenario, World, distance_field, run
 from antway.kernels.tracking.tubes import first_conflict
-from antway.policies.paper.routes import PathsFrom, Routes
+from antway.policies.paper.routes import PathsFrom, StaticRoutes
 from antway.policies.paper.tubes import Tubes
 from antway.world.policy import Observation, Tracks
 from common import cases, free_cells, random_grid
@@ -114,7 +114,7 @@ def test_the_timed_path_is_what_the_robot_drives(robot: RobotSpec) -> None:
     scenario = Scenario(World(Grid(blocked, 0.25), ()), (1.1, 1.1), (9.1, 9.1), robot)
     result = run(scenario, "paper")
     assert result.reached
-    routes, trace = Routes(scenario.task), result.trace
+    routes, trace = StaticRoutes(scenario.task), result.trace
     nodes = routes.to_goal(scenario.start)
     for i in (0, 8, 20):
         seen = Observation(

@@ -85,7 +85,7 @@ def late() -> None:
     from antway.policies.antway.alternatives import Snapshot, manner
     from antway.policies.antway.policy import AntwayPolicy
     from antway.policies.guard import Guard
-    from antway.policies.paper.routes import Routes
+    from antway.policies.paper.routes import StaticRoutes
     from antway.world.episode import Episode
 
     task, policy, guard = Task(load_map("office"), RobotSpec(), (1.5, 3.0), (22.0, 12.5)), AntwayPolicy(), Guard()
@@ -104,7 +104,7 @@ def late() -> None:
         manner("crossing", (1.0, 0.0), path, segments, 0.0)
     # The rest follows in the reverse order of the episode, so that each process compiles what the other has not reached.
     solve(Problem(task.grid.inflate(0.25), (20, 20), (100, 200)), "anyangle")
-    Routes(task)
+    StaticRoutes(task)
     stage = Episode(load_scenario("office"), policy, seed=0).stage
     seen = stage.observe()
     s.tracker.estimates = estimates

@@ -92,7 +92,7 @@ class Colony:
         weight, row_sum = np.ones((n, k), dtype=np.float32), np.ones(n)
         orders, bests = np.tile(np.arange(n, dtype=np.uint32), (m, 1)), np.zeros((2, n), dtype=np.uint32)
         record = np.array([math.inf, 0, 0, 0, math.inf, 1.0, 0, 0])
-        self.state = kernel.Colony(tau, eta, weight, row_sum, orders, np.zeros(m), bests, record)
+        self.state = kernel.ColonyState(tau, eta, weight, row_sum, orders, np.zeros(m), bests, record)
         kernel.combine(tau, eta, 1.0, weight, row_sum)
         greedy = kernel.walk_once(self.cities, self.state, self.numbers._replace(q0=1.0, xi=0.0), self._seed)
         greedy = max(greedy, 1e-300)  # all cities may be in one place

@@ -98,7 +98,7 @@ def pareto(
     if "exposure" in names or exposure is not None:
         risk = checks.array("exposure", exposure, grid.shape)
         checks.number("exposure", float(risk.min()), low=0.0)
-    colony = _Colony(problem, seed, ants, threads, clock)
+    colony = _WeightedColony(problem, seed, ants, threads, clock)
     graph, archive = colony.graph, _Archive([OBJECTIVES.index(name) for name in names])
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
     status = colony.status()
@@ -176,7 +176,7 @@ def alternatives(
     overlap = checks.number("overlap", overlap, low=0.0, high=1.0)
     apart = checks.integer("apart", apart, low=0, high=1000)
     path_ratio = checks.number("path_ratio", path_ratio, low=1.0)
-    colony = _Colony(problem, seed, ants, threads, clock)
+    colony = _WeightedColony(problem, seed, ants, threads, clock)
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
     status, graph = colony.status(), colony.graph
     if status is not Status.FOUND or graph.bound == 0.0:
@@ -216,7 +216,7 @@ def alternatives(
     return tuple(sorted(plans, key=lambda plan: plan.length))
 
 
-class _Colony:
+class _WeightedColony:
     """Ants on the graph of a problem, which use one weighting of the objectives after another."""
 
     def __init__(self, problem: Problem, seed: int, ants: int, threads: int, clock: Clock) -> None:
@@ -267,7 +267,11 @@ class _Archive:
 
 
 def _weightings(
-    colony: _Colony, archive: _Archive, names: Sequence[str], clearance: NDArray[np.float64], danger: NDArray[np.float64]
+    colony: _WeightedColony,
+    archive: _Archive,
+    names: Sequence[str],
+    clearance: NDArray[np.float64],
+    danger: NDArray[np.float64],
 ) -> list[tuple[NDArray[np.float64], float]]:
     """Return the costs to go of each weighting, and the cost of a turn in it.
 

@@ -36,7 +36,7 @@ class Rule(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class _Colony:
+class _RuleFields:
     """The fields that all rules have."""
 
     ants: int | None = None
@@ -55,7 +55,7 @@ class _Colony:
 
 
 @dataclass(frozen=True, slots=True)
-class AntSystem(_Colony):
+class AntSystem(_RuleFields):
     """Every ant deposits Q / L_k (Dorigo, Maniezzo, Colorni 1996); the paper's III.B."""
 
     persistence: Persistence = field(default=Constant(0.5))
@@ -68,14 +68,14 @@ class AntSystem(_Colony):
 
 
 @dataclass(frozen=True, slots=True)
-class ElitistAntSystem(_Colony):
+class ElitistAntSystem(_RuleFields):
     """Ant System in which the best so far also deposits `elite` times Q / L_best (None: the number of ants)."""
 
     elite: float | None = None
     persistence: Persistence = field(default=Constant(0.5))
 
     def __post_init__(self) -> None:
-        _Colony.__post_init__(self)
+        _RuleFields.__post_init__(self)
         if self.elite is not None:
             checks.fields(self, "elite", low=0.0, high=1e100)
 
@@ -90,14 +90,14 @@ class ElitistAntSystem(_Colony):
 
 
 @dataclass(frozen=True, slots=True)
-class RankBasedAntSystem(_Colony):
+class RankBasedAntSystem(_RuleFields):
     """The r-th best ant deposits (ranks - r) Q / L_r, the best so far ranks Q / L_best (Bullnheimer et al. 1999)."""
 
     ranks: int = 6
     persistence: Persistence = field(default=Constant(0.9))
 
     def __post_init__(self) -> None:
-        _Colony.__post_init__(self)
+        _RuleFields.__post_init__(self)
         checks.counts(self, "ranks", low=1)
 
     def numbers(self, ants: int) -> Numbers:
@@ -108,7 +108,7 @@ class RankBasedAntSystem(_Colony):
 
 
 @dataclass(frozen=True, slots=True)
-class MaxMinAntSystem(_Colony):
+class MaxMinAntSystem(_RuleFields):
     """Only one ant deposits, and pheromone has limits (Stuetzle, Hoos 2000).
 
     tau_max = Q / ((1 - rho) L_best); tau_min is such that a converged colony builds its best with probability `p_best`.
@@ -134,7 +134,7 @@ class MaxMinAntSystem(_Colony):
     persistence: Persistence = field(default=Constant(0.98))
 
     def __post_init__(self) -> None:
-        _Colony.__post_init__(self)
+        _RuleFields.__post_init__(self)
         checks.fields(self, "p_best", low=1e-300, high=1.0 - 1e-9)
         if self.choices is not None:
             checks.fields(self, "choices", low=1.0, open_low=True)
@@ -158,7 +158,7 @@ class MaxMinAntSystem(_Colony):
 
 
 @dataclass(frozen=True, slots=True)
-class AntColonySystem(_Colony):
+class AntColonySystem(_RuleFields):
     """Pseudo-random proportional choice and local update; only the best tour deposits (Dorigo, Gambardella 1997).
 
     With probability `q0` an ant takes the best edge, else it draws. On each edge taken, tau <- (1 - xi) tau + xi tau_0. After a
@@ -172,7 +172,7 @@ class AntColonySystem(_Colony):
     persistence: Persistence = field(default=Constant(0.9))
 
     def __post_init__(self) -> None:
-        _Colony.__post_init__(self)
+        _RuleFields.__post_init__(self)
         checks.fields(self, "q0", "xi", low=0.0, high=1.0)
 
     def numbers(self, ants: int) -> Numbers:

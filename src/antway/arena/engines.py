@@ -27,7 +27,7 @@ from antway import checks
 from antway.arena import metrics
 from antway.arena.causes import with_cause
 from antway.arena.store import Key, Results, Row
-from antway.arena.suites import Episode, content_hash, stage
+from antway.arena.suites import SuiteEpisode, content_hash, stage
 from antway.errors import BadParameter
 from antway.processes import uninterrupted
 from antway.version import __version__
@@ -45,7 +45,7 @@ Answer = tuple[Row, str]  # the row, and the JSON of the trace if the episode fa
 class Job:
     """One episode to be played by one policy; `label` is the policy's name in rows, if that is another one."""
 
-    episode: Episode
+    episode: SuiteEpisode
     policy: str
     label: str = ""
 
@@ -313,7 +313,7 @@ def _label(policy: str) -> str:
     return f"{policy}-{content_hash(file)}"
 
 
-def table_jobs(episodes: Iterable[Episode], policies: Iterable[str]) -> list[Job]:
+def table_jobs(episodes: Iterable[SuiteEpisode], policies: Iterable[str]) -> list[Job]:
     """Return the jobs of all policies on all episodes. `oracle` is not needed: every row has its optimum.
 
     Raises

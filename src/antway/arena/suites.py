@@ -81,7 +81,7 @@ class Suite:
 
 
 @dataclass(frozen=True, slots=True)
-class Episode:
+class SuiteEpisode:
     """One episode of a suite: `spec` is the argument of `load_suite`, and `suite`, `group` and `number` identify the episode.
 
     A `robot` (a name or a file) replaces the robot of the suite; then `suite` ends in " on " and its name. The world and all
@@ -141,7 +141,7 @@ def load_suite(spec: str) -> Suite:
     return suite
 
 
-def episodes(spec: str, count: int | None = None, robot: str = "") -> list[Episode]:
+def episodes(spec: str, count: int | None = None, robot: str = "") -> list[SuiteEpisode]:
     """Return the first `count` episodes of each group (None: the default of the suite), ordered by number, then group.
 
     `robot`, a name or a file (`antway.world.robots.load_robot`), replaces the robot of the suite.
@@ -155,7 +155,7 @@ def episodes(spec: str, count: int | None = None, robot: str = "") -> list[Episo
     checks.instance("robot", robot, str)
     count = suite.default if count is None else checks.integer("episodes", count, low=1, high=1_000_000)
     name = suite.name + (f"{_ON}{robot_name(robot)}" if robot else "")
-    return [Episode(spec, name, group, number, robot) for number in range(count) for group in suite.groups]
+    return [SuiteEpisode(spec, name, group, number, robot) for number in range(count) for group in suite.groups]
 
 
 _suite = lru_cache(maxsize=4)(load_suite)
@@ -167,7 +167,7 @@ def robot_name(robot: str) -> str:
     return robot if robot in ROBOTS else f"{Path(robot).stem}:{seed_of(spec) % 16**8:08x}"
 
 
-def build(episode: Episode) -> Scenario:
+def build(episode: SuiteEpisode) -> Scenario:
     """Return the scenario of an episode.
 
     A robot that is larger than that of the suite gets the first drawn world in which it fits at both ends and has a path.
@@ -202,7 +202,7 @@ def _connected(scenario: Scenario) -> bool:
 
 
 @lru_cache(maxsize=8)
-def stage(episode: Episode) -> tuple[Scenario, Facts]:
+def stage(episode: SuiteEpisode) -> tuple[Scenario, Facts]:
     """Return the scenario of an episode and the facts about it."""
     scenario = build(episode)
     return scenario, facts(scenario, episode.seed)

@@ -11,7 +11,7 @@ from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import Predictions, Terrain
 from antway.kernels.base.rng import State
 from antway.kernels.base.rows import copy_row
-from antway.kernels.spacetime.ants import ColonySettings, search
+from antway.kernels.spacetime.ants import AntSettings, search
 from antway.kernels.spacetime.context import PlanningContext, clear
 from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
@@ -39,7 +39,7 @@ _LAST = 4  # the search for a plan without margins may take the expansions divid
 _GRACE = 0.3  # s; a plan that lacks clearance is replaced by one that arrives up to this much later
 
 
-class Settings(NamedTuple):
+class PolicySettings(NamedTuple):
     """Numbers of the policy; see `AntwayPolicy`."""
 
     dt: float  # s
@@ -54,8 +54,8 @@ class Settings(NamedTuple):
     tubes: TubeMargins
     narrow_tubes: TubeMargins  # of the last search, if no path keeps clear of `tubes`; a robot radius of 0 means no such search
     wide_tubes: TubeMargins  # of the search for additional clearance; a robot radius of 0 means that there is none
-    colony: ColonySettings
-    few_moves: ColonySettings  # of the search that follows if the expansions were too few; a colony without moves means none
+    colony: AntSettings
+    few_moves: AntSettings  # of the search that follows if the expansions were too few; a colony without moves means none
 
 
 class Crowd(NamedTuple):
@@ -88,7 +88,7 @@ class _Cycle(NamedTuple):
     state: State  # of the random generator
     context: PlanningContext
     terrain: Terrain
-    settings: Settings
+    settings: PolicySettings
     plan: PlanInUse
     estimates: Floats  # [K, 8] with the velocities and errors that are predicted
     trajectories: Floats  # [K, STEPS, 2] m/s; predicted velocities
@@ -180,7 +180,7 @@ def _follow(c: _Cycle) -> tuple[float, float]:
 
 
 @kernel
-def _search(c: _Cycle, colony: ColonySettings, predictions: Predictions, limit: float, budget: int) -> bool:
+def _search(c: _Cycle, colony: AntSettings, predictions: Predictions, limit: float, budget: int) -> bool:
     """Let the ants search for a plan that costs less than `limit` s; if they find one, it becomes the plan in use."""
     memory, trails, context, settings, plan = c.memory, c.trails, c.context, c.settings, c.plan
     horizon = c.now + settings.horizon
@@ -262,7 +262,7 @@ def cycle(
     trails: Trails,
     context: PlanningContext,
     terrain: Terrain,
-    settings: Settings,
+    settings: PolicySettings,
     plan: PlanInUse,
     crowd: Crowd,
     estimates: Floats,

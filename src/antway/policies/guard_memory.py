@@ -46,7 +46,7 @@ _WHOLE, _REAL = np.dtype(np.int64), np.dtype(np.float64)
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class GuardAnswer:
     """The answer to an observation."""
 
     number: int  # of the observation that it answers
@@ -179,13 +179,13 @@ class Link:
         view[1:-1] = *_numbers(command), DID.index(did), time.monotonic()
         view[-1] = view[0] = number
 
-    def replied(self, number: int) -> Answer | None:
+    def replied(self, number: int) -> GuardAnswer | None:
         """Return the guard's answer to that observation, if there is one."""
         record = self.views["answer"].tolist()
         first, *numbers, did, _, last = record
         if not first == last == number or self.views["answer"].tolist() != record:  # the guard may be answering it again
             return None
-        return Answer(number, _command(*numbers), DID[int(did)])
+        return GuardAnswer(number, _command(*numbers), DID[int(did)])
 
 
 def _numbers(command: Command | None) -> tuple[float, ...]:

@@ -40,7 +40,7 @@ import numpy as np
 from antway import checks
 from antway.errors import BadInput, BadParameter
 from antway.policies.guard import Guard, longest_stop
-from antway.policies.guard_memory import SIDES, SIZE, Answer, Link
+from antway.policies.guard_memory import SIDES, SIZE, GuardAnswer, Link
 from antway.processes import spare_collections
 from antway.world.policy import Command, Observation, Policy, Task, Tracks
 
@@ -149,7 +149,7 @@ class GuardProcess:
         self.link.ring("guard", "planner")
         return self.number
 
-    def answer(self, number: int) -> Answer:
+    def answer(self, number: int) -> GuardAnswer:
         """Return the answer, at the latest one control period from now; if the guard is silent or has ended, it is a stop."""
         until = time.monotonic() + self.task.robot.dt
         while True:
@@ -157,10 +157,10 @@ class GuardProcess:
             if found is not None:
                 return found
             if time.monotonic() >= until or not self.alive:
-                return Answer(number, standing(self.task), SILENT)
+                return GuardAnswer(number, standing(self.task), SILENT)
             self.link.wait(until)
 
-    def limit(self, number: int, command: Command | None) -> Answer:
+    def limit(self, number: int, command: Command | None) -> GuardAnswer:
         """Return the guard's answer to a command that a planner in this process requests for that observation."""
         self.link.ask(number, command)
         self.link.ring("guard")

@@ -23,7 +23,7 @@ from antway.ros2.nav2 import Failure, Kind, in_thread
 from antway.ros2.outset import inflated
 from antway.ros2.path import tracking
 from antway.ros2.pilot import Pilot
-from antway.ros2.tours import THROUGH, Visit, find_tour
+from antway.ros2.tours import THROUGH, TourGoal, find_tour
 
 if TYPE_CHECKING:
     from antway.ros2.node import AntwayNode
@@ -215,7 +215,7 @@ class Served:
         if self.node.pilot.goal is not None:
             self.node.drop("pre-empted by a tour")
         self.following = handle
-        Visit(self.node, start, poses, int(goal.number_of_loops), ended, feed)
+        TourGoal(self.node, start, poses, int(goal.number_of_loops), ended, feed)
         return None
 
     def _follow(self, handle: Any) -> None:

@@ -15,7 +15,7 @@ from antway.kernels.tracking import kalman
 from antway.planning import PLANNERS, Problem, solve
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
-from antway.ros2.scan import Tracker, without_ids
+from antway.ros2.scan import ScanTracker, without_ids
 from antway.ros2.settings import Settings
 from antway.tours.plan import plan_tour
 from antway.world.episode import run
@@ -50,7 +50,7 @@ def _plan() -> None:
         solve(Problem(place, (0, 0), (7, 7)), planner, time_limit=0.1)
     for stops in (3, 16):  # which different methods put in order
         plan_tour(place, (1.5, 1.5), [(0.5 + 2.0 * (i % 4), 0.5 + 2.0 * (i // 4)) for i in range(stops)], seconds=0.05)
-    tracker = Tracker()
+    tracker = ScanTracker()
     tracker.update(0.0, without_ids(np.zeros((1, 2)), np.ones(1)))
     call(kalman.raise_variances, *tracker.table[:2], np.zeros(2), np.zeros(2))  # when a sensor turns out to be wrong
 

@@ -27,7 +27,7 @@ class End(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class PilotAnswer:
     """What to do, in the map's frame, and why; `end` is set when the goal has ended."""
 
     command: Command

@@ -31,13 +31,13 @@ from antway.ros2.compile import compile_for
 from antway.ros2.declared import Declared
 from antway.ros2.driver import open_driver, stamp_twist, twist_type
 from antway.ros2.frames import Odometry, Pose
-from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
+from antway.ros2.goals import ERROR, OK, STAND, WARN, End, Goal, PilotAnswer
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import Kind, nav2_kinds
 from antway.ros2.pictures import Pictures
 from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
 from antway.ros2.reports import Reports
-from antway.ros2.scan import Background, Laser, Tracker, discs, newest_reached, without_ids
+from antway.ros2.scan import Background, Laser, ScanTracker, discs, newest_reached, without_ids
 from antway.ros2.settings import LASER, Settings
 from antway.ros2.tf import Transforms
 from antway.world.policy import Command, Task, Tracks
@@ -91,7 +91,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def _open(self, kind: Any) -> None:
         """Start without map, obstacles and goal; `kind` is the class of messages on obstacles."""
-        self.tracker = Tracker()
+        self.tracker = ScanTracker()
         self.done: Callable[[End, str], None] | None = None  # called with how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # called after each command
         self.maps = convert.MapReader(self.settings.frame, self.settings.map_occupied)
@@ -369,7 +369,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         """Whether the robot drives to a goal, or a tour is being planned."""
         return self.pilot.goal is not None or self.served.following is not None
 
-    def _do(self, answer: Answer | None) -> bool:
+    def _do(self, answer: PilotAnswer | None) -> bool:
         """Send the pilot's answer, if there is one; True where the robot drives."""
         if answer is None or not self.active:
             return False

@@ -22,7 +22,7 @@ from antway.policies.guard import Guard, at_scan
 from antway.policies.guard_process import SILENT, GuardProcess
 from antway.ros2 import frames
 from antway.ros2.frames import Odometry, Pose
-from antway.ros2.goals import ERROR, OK, STAND, WARN, Answer, End, Goal
+from antway.ros2.goals import ERROR, OK, STAND, WARN, End, Goal, PilotAnswer
 from antway.ros2.markers import predictions, shades
 from antway.ros2.outset import same_path, set_out
 from antway.ros2.path import around, length_after
@@ -75,7 +75,7 @@ class Pilot:
 
     # What comes in
 
-    def receive_map(self, grid: Grid) -> Answer | None:
+    def receive_map(self, grid: Grid) -> PilotAnswer | None:
         """Receive a map; if it is new, the robot plans again.
 
         A robot that drives keeps off the new walls around it at once, and drives on; not so with a guard process.
@@ -89,7 +89,7 @@ class Pilot:
             near = around(self.grid, frames.move_point(frames.inverse(self.frame), o.xy), self.settings.robot.sensor_range)
             if near is not None:
                 policy.set_surroundings(near)
-                return Answer(self.command, WARN, "the map has changed")
+                return PilotAnswer(self.command, WARN, "the map has changed")
         self.policy = self.turner = None
         return None if self.goal is None else self._hold(WARN, "the map has changed")
 
@@ -101,7 +101,7 @@ class Pilot:
         """Tell whether odometry of `t` s comes after newer odometry; by more than a control period is a jump of the clock."""
         return self.odometry is not None and 0.0 < self.odometry.t - t <= self.settings.robot.dt
 
-    def go(self, goal: Goal) -> Answer | None:
+    def go(self, goal: Goal) -> PilotAnswer | None:
         """Receive a goal, which replaces the previous one.
 
         A robot that drives to the previous one does so until it has planned for this one, and drives on without a stop.
@@ -123,15 +123,15 @@ class Pilot:
             # The place stays, too: small steps of it would add up, and the policy would stand where the goal has been.
             self.goal, reason = replace(goal, xy=before.xy, path=before.path), "the path is refreshed"
             self.bound_for = self.goal if self.bound_for is before else self.bound_for
-        return Answer(self.command, OK, reason, End.REPLACED)
+        return PilotAnswer(self.command, OK, reason, End.REPLACED)
 
-    def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> Answer:
+    def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> PilotAnswer:
         """Stop, and end the goal."""
         done = None if self.goal is None else end
         self.goal = self.policy = self.turner = self.planning = None
         return self._hold(level, reason, done)
 
-    def silent(self, seconds: float, held: float) -> Answer | None:
+    def silent(self, seconds: float, held: float) -> PilotAnswer | None:
         """Brake if odometry is late; a stop that has begun continues.
 
         There was no good odometry for `seconds` s of a steady clock. The last command that answers odometry was sent `held` s
@@ -169,7 +169,7 @@ class Pilot:
         refused, reason = self.faults.get(what, (-math.inf, ""))
         return reason if time.monotonic() <= refused + self.settings.timeout else ""
 
-    def receive_odometry(self, odometry: Odometry, now: float) -> Answer | None:
+    def receive_odometry(self, odometry: Odometry, now: float) -> PilotAnswer | None:
         """Receive odometry that arrived at `now` s of a steady clock; answer once in each control period.
 
         A jump of odometry's clock is answered at once: it went back, or forward by `timeout` more than the steady one. What is
@@ -215,17 +215,17 @@ class Pilot:
         """Whether the robot follows a certified stop, or begins it in the next control period."""
         return self.guard is not None and self.policy is None and self.turner is None
 
-    def _hold(self, level: int, reason: str, end: End | None = None) -> Answer:
+    def _hold(self, level: int, reason: str, end: End | None = None) -> PilotAnswer:
         """Answer with the last command, after which the guard's stop is certified, or STAND if there is no such stop."""
         self.why = level, reason
         if self.guard is not None:
-            return Answer(self.command, level, reason, end)
+            return PilotAnswer(self.command, level, reason, end)
         if self.guard_process is not None and self.number:
             self.guard_process.rest(self.number)
             self.number = 0
-        return Answer(STAND, level, reason, end)
+        return PilotAnswer(STAND, level, reason, end)
 
-    def brake(self) -> Answer:
+    def brake(self) -> PilotAnswer:
         """Answer with the next command of the guard's stop, once in a control period; the last one is STAND."""
         guard, o, acts = self.guard, self.odometry, STAND.velocity
         if guard is not None and o is not None:
@@ -241,7 +241,7 @@ class Pilot:
             self.command, self.guard = STAND, None
         return self._hold(*self.why)
 
-    def braking(self) -> Iterator[Answer]:
+    def braking(self) -> Iterator[PilotAnswer]:
         """Drive the guard's stop to its end, which needs no odometry; yield each answer when it is due."""
         since = self.answered
         while self.guard is not None:
@@ -251,7 +251,7 @@ class Pilot:
 
     # Driving
 
-    def _decide(self, goal: Goal, odometry: Odometry) -> Answer:
+    def _decide(self, goal: Goal, odometry: Odometry) -> PilotAnswer:
         """Return the command of a control period, or why the robot stands."""
         settings, t, xy, tolerance = self.settings, odometry.t, odometry.xy, self.settings.task["goal_tolerance"]
         anew = self.policy is None or self.bound_for is not goal
@@ -294,18 +294,18 @@ class Pilot:
             self.brake()
             return self.drop(f"no progress in {settings.progress_time:g} s", End.STUCK, ERROR)
         found = self._passed(self.policy.act, self._seen(odometry, self.started, self.scan), self.started)
-        if isinstance(found, Answer):
+        if isinstance(found, PilotAnswer):
             return found
         passed, did = found
         self.command = Command(frames.turn(self.frame[2], passed.velocity), passed.twist)
         decision = self.policy.explain()
         if decision.action == "stuck":
             reason = f"stuck: {CUT_OFF}" + ("" if goal.path is None else f" within {settings.corridor:g} m of the path")
-            return self._impatient(t, WARN, reason) or Answer(self.command, WARN, reason)
+            return self._impatient(t, WARN, reason) or PilotAnswer(self.command, WARN, reason)
         self.waiting_since = math.nan
         if did == "braked" and decision.guard != did:
-            return Answer(self.command, WARN, "brake: the guard's process had no command in time, or let none pass")
-        return Answer(self.command, OK, f"{decision.action}: {decision.reason}")
+            return PilotAnswer(self.command, WARN, "brake: the guard's process had no command in time, or let none pass")
+        return PilotAnswer(self.command, OK, f"{decision.action}: {decision.reason}")
 
     def _seen(self, odometry: Odometry, start: float, scan: tuple[float, Tracks]) -> Observation:
         """Return what is observed in the policy's frame at the time of odometry or, if later, of the scan, from `start` s."""
@@ -317,7 +317,7 @@ class Pilot:
 
     def _passed(
         self, decide: Callable[[Observation], Command], seen: Observation, start: float
-    ) -> tuple[Command, str] | Answer:
+    ) -> tuple[Command, str] | PilotAnswer:
         """Return the command that `decide` answers to an observation, and what became of it, or why the robot stands.
 
         The guard process gets the observation before `decide` starts, at its time on odometry's clock (the observation's counts
@@ -354,7 +354,7 @@ class Pilot:
         if len(self.sent):
             self.sent = np.vstack((self.sent[1:], [pair]))
 
-    def _turn(self, goal: Goal, odometry: Odometry) -> Answer:
+    def _turn(self, goal: Goal, odometry: Odometry) -> PilotAnswer:
         """Turn in place towards the goal's yaw, as far as the guard lets a footprint turn."""
         settings, t = self.settings, odometry.t
         if self.map is None or self.scan is None or abs(t - self.scan[0]) > settings.timeout:
@@ -381,19 +381,19 @@ class Pilot:
             self.brake()
             return self.drop(f"it cannot turn to the goal's yaw {goal.yaw:.2f} rad", End.STUCK, ERROR)
         found = self._passed(lambda seen: guard.limit(seen, Command(twist=(0.0, rate))), seen, 0.0)
-        if isinstance(found, Answer):
+        if isinstance(found, PilotAnswer):
             return found
         self.command = Command((0.0, 0.0), found[0].twist)
         if "braked" in (guard.did, found[1]):
-            return Answer(self.command, WARN, f"brake: the guard lets no turn to the goal's yaw {goal.yaw:.2f} rad pass")
-        return Answer(self.command, OK, f"turns to the goal's yaw {goal.yaw:.2f} rad")
+            return PilotAnswer(self.command, WARN, f"brake: the guard lets no turn to the goal's yaw {goal.yaw:.2f} rad pass")
+        return PilotAnswer(self.command, OK, f"turns to the goal's yaw {goal.yaw:.2f} rad")
 
-    def _wait(self, t: float, level: int, reason: str) -> Answer:
+    def _wait(self, t: float, level: int, reason: str) -> PilotAnswer:
         """Stop and keep the goal, until `wait_timeout` has passed."""
         self.brake()
         return self._impatient(t, level, reason) or self._hold(level, reason)
 
-    def _impatient(self, t: float, level: int, reason: str) -> Answer | None:
+    def _impatient(self, t: float, level: int, reason: str) -> PilotAnswer | None:
         """End a goal that gives up, once the robot has waited for `wait_timeout`."""
         if math.isnan(self.waiting_since):
             self.waiting_since = t

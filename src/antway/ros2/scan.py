@@ -234,7 +234,7 @@ def _circle(cluster: NDArray[np.float64], largest: float) -> tuple[float, float,
     return float(a + offset[0]), float(b + offset[1]), radius
 
 
-class Tracker:
+class ScanTracker:
     """Adds missing ids and velocities to tracks, by a Kalman filter for each (kernels/tracking/kalman.py)."""
 
     def __init__(self) -> None:

@@ -38,7 +38,7 @@ def find_tour(grid: Grid, places: list[Pose], radius: float) -> tuple[list[int],
     return tour.order.tolist(), np.vstack([np.array([start]), *(leg.xy(grid) for leg in tour.legs)])
 
 
-class Visit:
+class TourGoal:
     """A goal of visit_poses: drives from `start` to `poses` in the best order, and skips those that it cannot reach.
 
     After the first round there are `loops` repetitions. `ended` is called once, with Nav2's error code, a text, and (index,

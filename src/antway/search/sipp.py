@@ -299,13 +299,13 @@ def sipp(
 _STATUS = {kernels.FOUND: Status.FOUND, kernels.NO_PATH: Status.NO_PATH, kernels.BUDGET: Status.BUDGET}
 
 
-def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
+def _workspace(cells: int, states: int, spans: int) -> kernels.SippMemory:
     def whole(n: int) -> NDArray[np.int32]:
         return np.empty(n, np.int32)
 
     real = np.empty
     states, entries = states + 2 * spans, 4 * states
-    return kernels.Workspace(
+    return kernels.SippMemory(
         np.zeros(3, np.int64), np.zeros(cells, np.int64), whole(cells), whole(cells),
         whole(states), whole(states), real(states), real(states), real(states), real(states), real(states), real(states),
         real(entries), real(entries), whole(entries), np.empty((spans, 2)),

@@ -128,7 +128,7 @@ def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floa
     return kernel.Fleet(spans, opens, closes, price, worth, near, last, total), step
 
 
-def _fill(routes: kernel.Routes, rows: Order, orders: list[Order]) -> None:
+def _fill(routes: kernel.FleetRoutes, rows: Order, orders: list[Order]) -> None:
     """Start with `orders`, without stops that no longer exist."""
     last = len(rows) - 1
     for k, inner in enumerate(inner_places(rows, orders[: len(routes.sizes)])[0]):
@@ -138,7 +138,7 @@ def _fill(routes: kernel.Routes, rows: Order, orders: list[Order]) -> None:
         routes.route[inner] = k
 
 
-def _orders(stops: Stops, rows: Order, routes: kernel.Routes) -> list[Order]:
+def _orders(stops: Stops, rows: Order, routes: kernel.FleetRoutes) -> list[Order]:
     """Return the routes as orders of stops."""
     return [_order(stops, rows[routes.stops[k, : routes.sizes[k]]]) for k in range(stops.robots)]
 

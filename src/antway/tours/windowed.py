@@ -201,7 +201,7 @@ def search(
     target = target * path.scale * (1.0 + (3e-6 if makespan else 1e-9)) if math.isfinite(target) else target
     tau = np.full((n, n), colonies.TAU_0) if pheromone is None or pheromone.shape != (n, n) else pheromone.copy()
     record = np.array([math.inf, math.inf, 0.0, 0.0])
-    colony = colonies.Colony(tau, np.zeros((n, n)), np.zeros((3, n), dtype=np.int32), record)
+    colony = colonies.WindowColony(tau, np.zeros((n, n)), np.zeros((3, n), dtype=np.int32), record)
     scratch = beams.workspace(n, _WIDTH), timed_order(n)
     return _Run(path, clock, options, np.uint64(seed), target, start, initial is not None, colony, *scratch).go(cycles)
 
@@ -229,7 +229,7 @@ class _Run:
     target: float
     start: Order
     warm: bool
-    colony: colonies.Colony
+    colony: colonies.WindowColony
     beam: beams.Beam
     timed: TimedOrder
     proven: bool = False

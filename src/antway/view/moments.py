@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.planning import Plan, Status
-from antway.policies.paper.routes import Routes
+from antway.policies.paper.routes import StaticRoutes
 from antway.world.policy import Decision, Task
 from antway.world.trace import Trace
 
@@ -16,7 +16,7 @@ def shortest(task: Task) -> Plan:
 
     Of equally short paths it is the one that policy `paper` follows.
     """
-    routes = Routes(task)
+    routes = StaticRoutes(task)
     start = routes.cell(task.start)
     cells = np.empty((0, 2)) if start is None or routes.home is None else routes.home.cells(start)
     if not len(cells):

@@ -41,7 +41,7 @@ FIELD = 40_000  # limit of cells of the distance field that is sent to the page
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class PageParameter:
     """A number that users can set on the page: a field of the scenario, its range, and its meaning."""
 
     field: str
@@ -53,16 +53,16 @@ class Parameter:
 
 
 PARAMETERS = (
-    Parameter(
+    PageParameter(
         "seed", "Seed", "", 0, MAX_PAGE_SEED, "Draws where obstacles start and how fast; the same seed gives the same run."
     ),
-    Parameter("robot.radius", "Robot's radius", "m", 0.05, 2.0, "Half the robot's width."),
-    Parameter("robot.v_max", "Robot's top speed", "m/s", 0.1, 5.0, "The robot never drives faster."),
-    Parameter("robot.sensor_range", "Sensed range", "m", 0.5, 50.0, "How far the robot senses what moves."),
-    Parameter("sensor.noise", "Sensor's noise", "m", 0.0, 1.0, "Standard deviation of the positions it measures."),
-    Parameter("sensor.dropout", "Missed obstacles", "", 0.0, 0.9, "Share of the scans that miss an obstacle."),
-    Parameter("obstacle_speed", "Fastest obstacle", "m/s", 0.1, 5.0, "The bound on their speed that the guard relies on."),
-    Parameter("horizon", "Time limit", "s", 1.0, 600.0, "The run ends after this time at the latest."),
+    PageParameter("robot.radius", "Robot's radius", "m", 0.05, 2.0, "Half the robot's width."),
+    PageParameter("robot.v_max", "Robot's top speed", "m/s", 0.1, 5.0, "The robot never drives faster."),
+    PageParameter("robot.sensor_range", "Sensed range", "m", 0.5, 50.0, "How far the robot senses what moves."),
+    PageParameter("sensor.noise", "Sensor's noise", "m", 0.0, 1.0, "Standard deviation of the positions it measures."),
+    PageParameter("sensor.dropout", "Missed obstacles", "", 0.0, 0.9, "Share of the scans that miss an obstacle."),
+    PageParameter("obstacle_speed", "Fastest obstacle", "m/s", 0.1, 5.0, "The bound on their speed that the guard relies on."),
+    PageParameter("horizon", "Time limit", "s", 1.0, 600.0, "The run ends after this time at the latest."),
 )
 
 

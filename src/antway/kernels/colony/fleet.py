@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base import rng
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
-from antway.kernels.colony.windows import Floats, Ids, schedule
+from antway.kernels.colony.windows import Ids, schedule
 
 OUT = -1  # route of a stop that is in none
 MEAN_REMOVED = 10  # average number of stops removed in an iteration
@@ -43,7 +44,7 @@ class Fleet(NamedTuple):
     sum_weight: float  # weight of the total travel time in the objective
 
 
-class Routes(NamedTuple):
+class FleetRoutes(NamedTuple):
     """k routes that are being changed; kernels keep the times up to date."""
 
     stops: Ids  # [k, n]
@@ -58,16 +59,16 @@ class Routes(NamedTuple):
 
 
 @kernel
-def routes(n: int, k: int) -> Routes:
+def routes(n: int, k: int) -> FleetRoutes:
     """Return k empty routes from start to end; `refresh` computes their times."""
     stops = np.zeros((k, n), dtype=np.int32)
     stops[:, 1] = n - 1
     times = np.zeros((k, n)), np.zeros((k, n)), np.zeros((k, n)), np.zeros((k, n))
-    return Routes(stops, np.full(k, 2, dtype=np.int32), np.full(n, OUT, dtype=np.int32), *times, np.zeros(k), np.zeros(k))
+    return FleetRoutes(stops, np.full(k, 2, dtype=np.int32), np.full(n, OUT, dtype=np.int32), *times, np.zeros(k), np.zeros(k))
 
 
 @bare_kernel
-def refresh(fleet: Fleet, r: Routes, k: int) -> None:
+def refresh(fleet: Fleet, r: FleetRoutes, k: int) -> None:
     """Compute the times of route k."""
     size = r.sizes[k]
     times = r.ready[k], r.latest[k], r.duration[k], r.earliest[k]
@@ -77,7 +78,7 @@ def refresh(fleet: Fleet, r: Routes, k: int) -> None:
 
 
 @bare_kernel
-def objective(fleet: Fleet, r: Routes) -> tuple[float, float]:
+def objective(fleet: Fleet, r: FleetRoutes) -> tuple[float, float]:
     """Return the prices of the stops left out plus the weighted times, and the sum of the priorities of the others.
 
     The objective of late routes is infinite. Where a stop saves time because it is on the way, a route may be late without it.
@@ -99,7 +100,7 @@ def objective(fleet: Fleet, r: Routes) -> tuple[float, float]:
 
 
 @bare_kernel
-def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
+def insert(fleet: Fleet, r: FleetRoutes, stop: int, state: rng.State) -> bool:
     """Insert `stop` where it costs least (with blinks: a few places are skipped); return False if it is late everywhere."""
     best, route, place = np.inf, -1, -1
     for k in range(len(r.sizes)):
@@ -135,7 +136,7 @@ def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
 
 
 @inner_kernel
-def last_end(r: Routes, k: int) -> float:
+def last_end(r: FleetRoutes, k: int) -> float:
     """Return the latest end of the routes other than k."""
     latest = 0.0
     for other in range(len(r.sizes)):
@@ -145,7 +146,7 @@ def last_end(r: Routes, k: int) -> float:
 
 
 @bare_kernel
-def remove_string(fleet: Fleet, r: Routes, k: int, stop: int, length: int, state: rng.State) -> None:
+def remove_string(fleet: Fleet, r: FleetRoutes, k: int, stop: int, length: int, state: rng.State) -> None:
     """Remove `length` stops of route k around `stop`: a string, or a split string, within which some stops stay."""
     size = r.sizes[k] - 2
     place = 1
@@ -172,7 +173,7 @@ def remove_string(fleet: Fleet, r: Routes, k: int, stop: int, length: int, state
 
 
 @bare_kernel
-def ruin(fleet: Fleet, r: Routes, touched: NDArray[np.bool_], state: rng.State) -> None:
+def ruin(fleet: Fleet, r: FleetRoutes, touched: NDArray[np.bool_], state: rng.State) -> None:
     """Remove strings from routes that pass near a randomly drawn stop."""
     n, routes_used, visited = len(r.route), 0, 0
     for k in range(len(r.sizes)):
@@ -209,7 +210,7 @@ def ruin(fleet: Fleet, r: Routes, touched: NDArray[np.bool_], state: rng.State) 
 
 
 @bare_kernel
-def recreate(fleet: Fleet, r: Routes, absent: Ids, keys: Floats, state: rng.State) -> None:
+def recreate(fleet: Fleet, r: FleetRoutes, absent: Ids, keys: Floats, state: rng.State) -> None:
     """Reinsert the absent stops, sorted at random, by time from the start, by their windows, or by their prices."""
     count = 0
     kind = rng.below(state, 8)
@@ -238,7 +239,7 @@ def recreate(fleet: Fleet, r: Routes, absent: Ids, keys: Floats, state: rng.Stat
 
 
 @bare_kernel
-def copy(source: Routes, target: Routes) -> None:
+def copy(source: FleetRoutes, target: FleetRoutes) -> None:
     """Make `target` the same routes as `source`, but not their times."""
     for k in range(len(source.sizes)):
         target.sizes[k] = source.sizes[k]
@@ -249,7 +250,7 @@ def copy(source: Routes, target: Routes) -> None:
 
 
 @bare_kernel
-def restore(fleet: Fleet, source: Routes, target: Routes) -> None:
+def restore(fleet: Fleet, source: FleetRoutes, target: FleetRoutes) -> None:
     """Make `target` the same routes as `source`, and compute their times."""
     copy(source, target)
     for k in range(len(target.sizes)):
@@ -258,7 +259,14 @@ def restore(fleet: Fleet, source: Routes, target: Routes) -> None:
 
 @kernel
 def anneal(
-    fleet: Fleet, r: Routes, current: Routes, best: Routes, record: Floats, seed: np.uint64, iterations: int, temperature: float
+    fleet: Fleet,
+    r: FleetRoutes,
+    current: FleetRoutes,
+    best: FleetRoutes,
+    record: Floats,
+    seed: np.uint64,
+    iterations: int,
+    temperature: float,
 ) -> None:
     """Ruin and recreate `iterations` times at one temperature, from the routes `current` on; r is scratch.
 
@@ -284,7 +292,7 @@ def anneal(
 
 
 @bare_kernel
-def shorten(fleet: Fleet, r: Routes, k: int) -> None:
+def shorten(fleet: Fleet, r: FleetRoutes, k: int) -> None:
     """Remove stops from route k until none is late: of those up to the first late one, what saves most time for its price."""
     while r.sizes[k] > 2:
         refresh(fleet, r, k)
@@ -307,7 +315,7 @@ def shorten(fleet: Fleet, r: Routes, k: int) -> None:
 
 
 @kernel
-def start(fleet: Fleet, r: Routes, seed: np.uint64) -> tuple[float, float]:
+def start(fleet: Fleet, r: FleetRoutes, seed: np.uint64) -> tuple[float, float]:
     """Remove stops that would be late, then insert those that are in no route; return objective and priorities."""
     state = np.array([seed], dtype=np.uint64)
     for k in range(len(r.sizes)):

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rng import GAMMA, mix, stream
 from antway.kernels.colony.pheromone import ADAPTIVE, PRINTED, Numbers, best_deposits, persistence
 
-Floats = NDArray[np.float64]
 FLOOR = 1e-30  # least weight of a legal move, as a share of the largest weight of its cell; only illegal moves have weight 0
 NEAR = 1e-3  # cells; smaller distances to the target count as this, so that an ant beside the target steps onto it
 LOW, HIGH = 1e-150, 1e150  # limits of pheromone for rules without limits, so that it never becomes 0 or infinite

@@ -10,10 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import bare_kernel, kernel
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @bare_kernel

@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from antway.kernels.base import rng
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
-from antway.kernels.colony.windows import Floats, Ids, Sets, Windows
+from antway.kernels.colony.windows import Ids, Sets, Windows
 
 
 class Beam(NamedTuple):

@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, kernel
 
 MATRIX, EUC_2D, CEIL_2D, ATT, EUCLID = range(5)  # kinds of distances, see `Metric`
 
 Index = int | np.integer[Any]
-Floats = NDArray[np.float64]
 Ids = NDArray[np.uint32]  # unsigned, so that an index needs no test for negative values
 
 

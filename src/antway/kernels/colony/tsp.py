@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base import rng
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.colony.local_search import LOGGED, Search, flip, improve, push, set_tour, settle, undo, workspace
 from antway.kernels.colony.pheromone import Numbers, best_deposits, clip, evaporate, limits, persistence
-from antway.kernels.colony.tour import Cities, Floats, Ids, Index, column, distance
+from antway.kernels.colony.tour import Cities, Ids, Index, column, distance
 
-# Elements of `Colony.record`.
+# Elements of `ColonyState.record`.
 BEST = 0  # length of the best tour so far, infinite before the first cycle
 CYCLE = 1  # number of cycles done
 RESTARTED = 2  # cycle in which the colony started, or restarted
@@ -28,7 +29,7 @@ Weights = NDArray[np.float32]
 TINY, HUGE = np.float32(1e-30), np.float32(1e30)  # within these limits float32 products neither underflow nor overflow
 
 
-class Colony(NamedTuple):
+class ColonyState(NamedTuple):
     """The state of a colony of m ants, which kernels change in place."""
 
     tau: Floats  # [n, k] pheromone on the candidate edges; equal at both ends if an edge is a candidate of both
@@ -144,7 +145,9 @@ def nearest_left(cities: Cities, left: Weights, i: Index) -> tuple[Index, float]
 
 
 @bare_kernel
-def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, order: Ids, left: Weights, sums: Weights) -> float:
+def walk(
+    cities: Cities, colony: ColonyState, numbers: Numbers, state: np.uint64, order: Ids, left: Weights, sums: Weights
+) -> float:
     """Build one ant's tour in `order` and return its length.
 
     Each step draws among the unvisited candidates by the roulette of Eq. (1), or with probability q0 takes the one of largest
@@ -192,7 +195,7 @@ def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, ord
 
 
 @bare_kernel
-def local_update(cities: Cities, colony: Colony, numbers: Numbers, i: Index, c: Index) -> None:
+def local_update(cities: Cities, colony: ColonyState, numbers: Numbers, i: Index, c: Index) -> None:
     """ACS: tau <- (1 - xi) tau + xi tau_0 on the edge that an ant takes from i; its weight is updated too."""
     j, d = cities.near[i, c], cities.back[i, c]
     old = colony.tau[i, c]
@@ -220,7 +223,7 @@ def deposit(near: Ids, tau: Floats, order: Ids, keep: float, amount: float) -> N
 
 
 @kernel
-def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
+def learn(cities: Cities, colony: ColonyState, numbers: Numbers) -> bool:
     """End a cycle: keep the best tour, evaporate and deposit by the rule; tell whether the best so far improved."""
     near, tau, record, lengths = cities.near, colony.tau, colony.record, colony.lengths
     t = int(record[CYCLE])
@@ -264,7 +267,7 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
 
 
 @kernel
-def select(colony: Colony, options: LocalSearchOptions, seed: np.uint64) -> None:
+def select(colony: ColonyState, options: LocalSearchOptions, seed: np.uint64) -> None:
     """Give each ant the better of its own last tour and that of a randomly drawn ant (tournament selection)."""
     m, cycle = len(colony.lengths), int(colony.record[CYCLE])
     if options.rebuild_every < 2 or cycle == 0:
@@ -280,7 +283,7 @@ def select(colony: Colony, options: LocalSearchOptions, seed: np.uint64) -> None
 
 @kernel
 def build(
-    cities: Cities, colony: Colony, numbers: Numbers, options: LocalSearchOptions, seed: np.uint64, first: int, last: int
+    cities: Cities, colony: ColonyState, numbers: Numbers, options: LocalSearchOptions, seed: np.uint64, first: int, last: int
 ) -> None:
     """Let the ants `first` to `last` - 1 make their tours; each has its own random stream, independent of threads."""
     m, n = colony.orders.shape
@@ -307,7 +310,7 @@ def build(
 @bare_kernel
 def refine(
     cities: Cities,
-    colony: Colony,
+    colony: ColonyState,
     options: LocalSearchOptions,
     temperature: float,
     state: rng.State,
@@ -379,7 +382,7 @@ def bridge(cities: Cities, search: Search, p: Index, b: Index, c: Index, d: Inde
 @kernel
 def cycles(
     cities: Cities,
-    colony: Colony,
+    colony: ColonyState,
     numbers: Numbers,
     options: LocalSearchOptions,
     seed: np.uint64,
@@ -405,7 +408,7 @@ def cycles(
 
 
 @kernel
-def walk_once(cities: Cities, colony: Colony, numbers: Numbers, seed: np.uint64) -> float:
+def walk_once(cities: Cities, colony: ColonyState, numbers: Numbers, seed: np.uint64) -> float:
     """Build one tour in orders[0], independent of cycles; return its length."""
     n, k = cities.near.shape
     left, sums = np.empty(n, dtype=np.float32), np.empty(k, dtype=np.float32)

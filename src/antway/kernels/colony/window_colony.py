@@ -12,24 +12,25 @@ from typing import NamedTuple
 import numpy as np
 
 from antway.kernels.base import rng
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.colony.time_windows import Beam, Choice, search
 from antway.kernels.colony.window_search import MoveOptions, TimedOrder, refresh, settle, shake, value
-from antway.kernels.colony.windows import Floats, Ids, Windows
+from antway.kernels.colony.windows import Ids, Windows
 
-# Elements of `Colony.record`.
+# Elements of `WindowColony.record`.
 BEST = 0  # cost of the best order so far, infinite while none is known
 RESTART_BEST = 1  # cost of the best order since the last restart, infinite while none is known
 CYCLE = 2  # number of cycles done
 CONVERGENCE = 3  # mean pheromone on the arcs of the best order since the restart: 1 if the colony builds only this order
-# Rows of `Colony.orders`.
+# Rows of `WindowColony.orders`.
 SO_FAR, SINCE_RESTART, OF_CYCLE = range(3)
 TAU_0, TAU_MIN, TAU_MAX = 0.5, 0.001, 0.999  # initial pheromone after a restart, and its limits
 CONVERGED = 0.97  # convergence above which the colony restarts
 
 
-class Colony(NamedTuple):
+class WindowColony(NamedTuple):
     """The state of the colony, which kernels change in place."""
 
     tau: Floats  # [n, n] pheromone
@@ -70,7 +71,7 @@ def deposit_weights(convergence: float) -> tuple[float, float, float]:
 
 
 @bare_kernel
-def learn(colony: Colony, evaporation: float) -> None:
+def learn(colony: WindowColony, evaporation: float) -> None:
     """Evaporate and deposit; restart once all orders are alike."""
     tau, orders, record, n = colony.tau, colony.orders, colony.record, colony.tau.shape[0]
     of_cycle, since_restart, so_far = deposit_weights(record[CONVERGENCE])
@@ -93,7 +94,7 @@ def learn(colony: Colony, evaporation: float) -> None:
 
 
 @kernel
-def note(colony: Colony, order: Ids, cost: float) -> None:
+def note(colony: WindowColony, order: Ids, cost: float) -> None:
     """Keep `order` as the best so far and since the restart, if it is."""
     if cost < colony.record[BEST]:
         colony.record[BEST] = cost
@@ -104,7 +105,7 @@ def note(colony: Colony, order: Ids, cost: float) -> None:
 
 
 @kernel
-def adopt(problem: Windows, colony: Colony, moves: MoveOptions, t: TimedOrder, order: Ids, place: int, looks: int) -> int:
+def adopt(problem: Windows, colony: WindowColony, moves: MoveOptions, t: TimedOrder, order: Ids, place: int, looks: int) -> int:
     """Improve and keep `order`, which comes from elsewhere and has no late stop, by up to `looks` looks at a stop.
 
     Returns the `place` from which another call goes on, or 0 when there is nothing more to improve; the first call has place 0.
@@ -120,7 +121,7 @@ def adopt(problem: Windows, colony: Colony, moves: MoveOptions, t: TimedOrder, o
 
 
 @kernel
-def improve(problem: Windows, colony: Colony, options: ColonyOptions, t: TimedOrder, state: rng.State) -> None:
+def improve(problem: Windows, colony: WindowColony, options: ColonyOptions, t: TimedOrder, state: rng.State) -> None:
     """Alternate random moves and local search (simulated annealing over local optima). No order has a late stop.
 
     The best order becomes that of the cycle.
@@ -151,7 +152,9 @@ def improve(problem: Windows, colony: Colony, options: ColonyOptions, t: TimedOr
 
 
 @kernel
-def build(problem: Windows, mirror: Windows, colony: Colony, options: ColonyOptions, beam: Beam, state: rng.State) -> float:
+def build(
+    problem: Windows, mirror: Windows, colony: WindowColony, options: ColonyOptions, beam: Beam, state: rng.State
+) -> float:
     """Let a beam of ants build the order of the cycle, in every other cycle backwards; return its cost or infinity."""
     n = len(problem.opens)
     backward = int(colony.record[CYCLE]) % 2 == 1
@@ -179,7 +182,7 @@ def build(problem: Windows, mirror: Windows, colony: Colony, options: ColonyOpti
 def cycles(
     problem: Windows,
     mirror: Windows,
-    colony: Colony,
+    colony: WindowColony,
     options: ColonyOptions,
     seed: np.uint64,
     count: int,

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from antway.kernels.base import rng
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
-from antway.kernels.colony.windows import Floats, Ids
+from antway.kernels.colony.windows import Ids
 
 WORK = 600_000_000  # limit of stops evaluated in one descent, about a second
 QUICK_WORK = 150_000_000  # the same limit where there is less time

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base import rng
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
-from antway.kernels.colony.windows import Floats, Ids, Windows, schedule
+from antway.kernels.colony.windows import Ids, Windows, schedule
 
 # Shapes of a move of the places i ... j and j + 1 ... k.
 SWAPPED = 0  # the parts i ... j and j + 1 ... k are swapped
@@ -34,7 +35,7 @@ class Part(NamedTuple):
     latest: float  # latest start of service at the first stop such that no stop is late; -inf if some stop is always late
 
 
-class Move(NamedTuple):
+class OrderChange(NamedTuple):
     """A change of an order, see `change`."""
 
     gain: float  # by how much the order becomes better
@@ -105,7 +106,7 @@ def value(t: TimedOrder, makespan: bool) -> float:
 
 
 @bare_kernel
-def change(t: TimedOrder, move: Move) -> None:
+def change(t: TimedOrder, move: OrderChange) -> None:
     """Make a move."""
     order, copy, i, j, k = t.order, t.copy, move.i, move.j, move.k
     if move.shape == REVERSED:
@@ -157,22 +158,22 @@ def with_noise(gain: float, temperature: float, state: rng.State) -> float:
 
 @inner_kernel
 def better(
-    problem: Windows, t: TimedOrder, options: MoveOptions, best: Move, i: int, j: int, k: int, shape: int,
+    problem: Windows, t: TimedOrder, options: MoveOptions, best: OrderChange, i: int, j: int, k: int, shape: int,
     one: Part, two: Part, temperature: float, state: rng.State,
-) -> Move:  # fmt: skip
+) -> OrderChange:  # fmt: skip
     """Return the better one of `best` and the move (i, j, k, shape), after which the part `one` comes before `two`."""
     least = -np.inf if temperature > 0.0 else best.gain
     gain = with_noise(gain_of(problem, t, options.makespan, i, k, one, two, least), temperature, state)
-    return Move(gain, i, j, k, shape) if gain > best.gain else best
+    return OrderChange(gain, i, j, k, shape) if gain > best.gain else best
 
 
 @bare_kernel
-def best_at(problem: Windows, t: TimedOrder, options: MoveOptions, i: int, temperature: float, state: rng.State) -> Move:
+def best_at(problem: Windows, t: TimedOrder, options: MoveOptions, i: int, temperature: float, state: rng.State) -> OrderChange:
     """Return the best of the moves that begin or end at place i, if it gains more than `options.least`.
 
     With temperature > 0 a move of any gain is drawn at random, see `with_noise`.
     """
-    best = Move(options.least if temperature == 0.0 else -np.inf, -1, 0, 0, 0)
+    best = OrderChange(options.least if temperature == 0.0 else -np.inf, -1, 0, 0, 0)
     best = best_swap_after(problem, t, options, i, temperature, state, best)
     best = best_swap_before(problem, t, options, i, temperature, state, best)
     return best_reversal(problem, t, options, i, temperature, state, best)
@@ -180,8 +181,8 @@ def best_at(problem: Windows, t: TimedOrder, options: MoveOptions, i: int, tempe
 
 @inner_kernel
 def best_swap_after(
-    problem: Windows, t: TimedOrder, options: MoveOptions, i: int, temperature: float, state: rng.State, best: Move
-) -> Move:
+    problem: Windows, t: TimedOrder, options: MoveOptions, i: int, temperature: float, state: rng.State, best: OrderChange
+) -> OrderChange:
     """Return the best of `best` and of swapping a short part that begins at place i with a part of any length after it."""
     order, n = t.order, len(t.order)
     forward = backward = single(problem, order[i])
@@ -207,8 +208,8 @@ def best_swap_after(
 
 @inner_kernel
 def best_swap_before(
-    problem: Windows, t: TimedOrder, options: MoveOptions, i: int, temperature: float, state: rng.State, best: Move
-) -> Move:
+    problem: Windows, t: TimedOrder, options: MoveOptions, i: int, temperature: float, state: rng.State, best: OrderChange
+) -> OrderChange:
     """Return the best of `best` and of swapping a short part that ends at place i with a part before it that is longer."""
     order = t.order
     forward = backward = single(problem, order[i])
@@ -236,8 +237,8 @@ def best_swap_before(
 
 @inner_kernel
 def best_reversal(
-    problem: Windows, t: TimedOrder, options: MoveOptions, i: int, temperature: float, state: rng.State, best: Move
-) -> Move:
+    problem: Windows, t: TimedOrder, options: MoveOptions, i: int, temperature: float, state: rng.State, best: OrderChange
+) -> OrderChange:
     """Return the best of `best` and of reversing a part that begins at place i."""
     order = t.order
     alone = single(problem, order[i])
@@ -252,7 +253,7 @@ def best_reversal(
 
 
 @bare_kernel
-def make(problem: Windows, t: TimedOrder, move: Move) -> None:
+def make(problem: Windows, t: TimedOrder, move: OrderChange) -> None:
     """Make a move, and mark the stops beside its cuts for another look."""
     change(t, move)
     refresh(problem, t)

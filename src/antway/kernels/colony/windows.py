@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, kernel
 
-Floats = NDArray[np.float64]
 Ids = NDArray[np.int32]
 Sets = NDArray[np.uint64]  # sets of stops, 64 in a word
 

@@ -16,7 +16,7 @@ from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.base.rng import State, next_bits, uniform
 from antway.kernels.controls.abreast import judge_all
-from antway.kernels.controls.lattice import Lattice, best_arcs
+from antway.kernels.controls.lattice import ControlLattice, best_arcs
 from antway.kernels.controls.motion import within_limits
 from antway.kernels.controls.problem import ControlProblem
 from antway.kernels.controls.seeds import SEEDS, descend, write_seed
@@ -37,7 +37,7 @@ class Archive(NamedTuple):
     block: int  # number of steps that share a draw
 
 
-class ColonySettings(NamedTuple):
+class ControlColonySettings(NamedTuple):
     """Numbers of the colony. Pairs are of the two controls: m/s and rad/s on wheels, else m/s twice."""
 
     rounds: int
@@ -138,7 +138,7 @@ def vary(
 
 
 @inner_kernel
-def draw(archive: Archive, ant: int, colony: ColonySettings, limits: RobotLimits, state: State) -> None:
+def draw(archive: Archive, ant: int, colony: ControlColonySettings, limits: RobotLimits, state: State) -> None:
     """Draw one ant around a guide that is picked by rank."""
     n = archive.used[0]
     rank = n
@@ -160,7 +160,7 @@ def take(archive: Archive, n: int, problem: ControlProblem) -> None:
 
 
 @kernel
-def refill(archive: Archive, lattice: Lattice, problem: ControlProblem, most: int) -> None:
+def refill(archive: Archive, lattice: ControlLattice, problem: ControlProblem, most: int) -> None:
     """Fill the archive for a new problem: with its best sequences, up to `most`, then the best arcs, then the seeds."""
     n = min(archive.used[0], most)
     for i in range(n):
@@ -179,7 +179,9 @@ def refill(archive: Archive, lattice: Lattice, problem: ControlProblem, most: in
 
 
 @kernel
-def forage(archive: Archive, lattice: Lattice, colony: ColonySettings, problem: ControlProblem, state: State) -> None:
+def forage(
+    archive: Archive, lattice: ControlLattice, colony: ControlColonySettings, problem: ControlProblem, state: State
+) -> None:
     """Improve the archive for the robot's problem, in rounds of ants."""
     refill(archive, lattice, problem, len(archive.cost))
     for _ in range(colony.rounds):

@@ -34,7 +34,7 @@ PARENT, ARCS, DONE = range(3)  # columns of a link: the node before, the number 
 _TOUCHES = -1  # value of DONE
 
 
-class Lattice(NamedTuple):
+class ControlLattice(NamedTuple):
     """Commands to choose from, and memory for a search over them."""
 
     held: Floats  # [M, 2] speed and turn rate, or vx and vy, held for a whole arc
@@ -62,7 +62,7 @@ def _store(row: Floats, at: MotionState, cost: float) -> None:
 
 
 @inner_kernel
-def _drive_arcs(lattice: Lattice, parent: int, first: int, count: int, problem: ControlProblem) -> None:
+def _drive_arcs(lattice: ControlLattice, parent: int, first: int, count: int, problem: ControlProblem) -> None:
     """Drive `count` arcs from node `parent` abreast, by the commands of the new nodes from `first` on, and fill these nodes.
 
     DONE is `_TOUCHES` where an arc touches a wall or an obstacle.
@@ -97,7 +97,7 @@ def _drive_arcs(lattice: Lattice, parent: int, first: int, count: int, problem: 
 
 
 @inner_kernel
-def _move(lattice: Lattice, new: int, to: int) -> None:
+def _move(lattice: ControlLattice, new: int, to: int) -> None:
     """Move a node to row `to`."""
     copy_row(lattice.node[new], lattice.node[to])
     copy_row(lattice.link[new], lattice.link[to])
@@ -106,7 +106,7 @@ def _move(lattice: Lattice, new: int, to: int) -> None:
 
 
 @inner_kernel
-def _bound(lattice: Lattice, node: int, problem: ControlProblem) -> float:
+def _bound(lattice: ControlLattice, node: int, problem: ControlProblem) -> float:
     """Return the time from the start to the goal through a node, without moving obstacles beyond the node, s."""
     at, cost = _state_at(lattice.node[node]), lattice.node[node, COST]
     if lattice.link[node, DONE] == 1:
@@ -117,7 +117,7 @@ def _bound(lattice: Lattice, node: int, problem: ControlProblem) -> float:
 
 
 @inner_kernel
-def _better(lattice: Lattice, node: int, bound: float, limits: RobotLimits, longest: float) -> bool:
+def _better(lattice: ControlLattice, node: int, bound: float, limits: RobotLimits, longest: float) -> bool:
     """Tell whether the node has the lowest bound of all similar poses after as many arcs; if so, store it."""
     row = lattice.node[node]
     col, line = math.floor(row[X] / (_CELL * longest)), math.floor(row[Y] / (_CELL * longest))
@@ -142,7 +142,7 @@ def _better(lattice: Lattice, node: int, bound: float, limits: RobotLimits, long
 
 
 @bare_kernel
-def best_arcs(ant: Floats, lattice: Lattice, problem: ControlProblem) -> float:
+def best_arcs(ant: Floats, lattice: ControlLattice, problem: ControlProblem) -> float:
     """Write the best sequence of arcs to `ant`, float64[S, 2]; the rest of `ant` is a stop.
 
     If the expansions are used up first, it is the best of the longest sequences found. Returns the time to the goal, without

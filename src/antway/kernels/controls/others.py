@@ -11,8 +11,8 @@ from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State, below
 from antway.kernels.controls.abreast import judge_all
-from antway.kernels.controls.colony import Archive, ColonySettings, insert, refill, vary
-from antway.kernels.controls.lattice import Lattice
+from antway.kernels.controls.colony import Archive, ControlColonySettings, insert, refill, vary
+from antway.kernels.controls.lattice import ControlLattice
 from antway.kernels.controls.problem import ControlProblem
 
 
@@ -53,7 +53,12 @@ def _average_of_round(averaging: Averaging, drawn: Floats, cost: Floats, block: 
 
 @kernel
 def average(
-    archive: Archive, lattice: Lattice, colony: ColonySettings, problem: ControlProblem, state: State, averaging: Averaging
+    archive: Archive,
+    lattice: ControlLattice,
+    colony: ControlColonySettings,
+    problem: ControlProblem,
+    state: State,
+    averaging: Averaging,
 ) -> None:
     """Do as `forage`, but keep only a mean: each round draws sequences around it and averages them.
 
@@ -80,7 +85,12 @@ def average(
 
 @kernel
 def restart(
-    archive: Archive, lattice: Lattice, colony: ColonySettings, problem: ControlProblem, state: State, averaging: Averaging
+    archive: Archive,
+    lattice: ControlLattice,
+    colony: ControlColonySettings,
+    problem: ControlProblem,
+    state: State,
+    averaging: Averaging,
 ) -> None:
     """Do as `forage`, but without an archive: each sequence is drawn around a random seed, and the best of all is kept."""
     spread = averaging.spread

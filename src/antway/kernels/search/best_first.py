@@ -11,11 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.heap import pop_item, put_item
 from antway.kernels.base.jit import bare_kernel, kernel
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 RUNNING, FOUND, EXHAUSTED = 0, 1, 2
 

@@ -11,12 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Bools, Ints
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.search.canonical import COL, ROW
 from antway.kernels.search.lengths import DIAGONAL, STRAIGHT, octile
-
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 INF = 1 << 60  # cost where there is no path
 # Indices of `state`: width of the padded grid, number of moves (4 or 8), number of side cells of a diagonal that must be free,

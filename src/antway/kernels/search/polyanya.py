@@ -19,12 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.rows import copy_row
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 FOUND, EMPTY, PAUSED = 1, 2, 3  # how a slice of the search ended
 START, HIDDEN = -1, -2  # values in place of a corner

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.search.polyanya import EMPTY, FOUND, PAUSED, Floats, Ints
+from antway.kernels.search.polyanya import EMPTY, FOUND, PAUSED
 
 
 class Memory(NamedTuple):

@@ -41,7 +41,7 @@ from antway.kernels.spacetime.segments import TOUCH
 _EXP = np.exp(-np.arange(1024) / 64.0).astype(np.float32)
 
 
-class ColonySettings(NamedTuple):
+class AntSettings(NamedTuple):
     """How the ants of one search behave."""
 
     leg_cells: int  # the first move ends at most this many cells around the robot
@@ -90,7 +90,7 @@ class _Shared(NamedTuple):
     longest_move: float  # m
     cost_rate: float  # 1; cost of a second of driving in addition to its time: the weight of a metre times the speed
     time: Floats  # [K] s; duration of each move
-    moves: np.uint64  # see `ColonySettings`
+    moves: np.uint64  # see `AntSettings`
 
 
 @inner_kernel
@@ -280,7 +280,7 @@ def search(
     trails: Trails,
     context: PlanningContext,
     predictions: Predictions,
-    settings: ColonySettings,
+    settings: AntSettings,
     x: float,
     y: float,
     t0: float,

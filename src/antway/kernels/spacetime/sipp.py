@@ -19,7 +19,7 @@ from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime.segments import NEVER, Segments, earliest_departure, insert_interval, unsafe_stay
 
 FOUND, NO_PATH, BUDGET, FULL = 0, 1, 2, 3
-QUERY, STATES, ENTRIES = range(3)  # indices of `Workspace.counts`: number of the query, and of its states and heap entries
+QUERY, STATES, ENTRIES = range(3)  # indices of `SippMemory.counts`: number of the query, and of its states and heap entries
 SLACK = 1e-9  # s; costs closer than this are equal
 
 
@@ -32,7 +32,7 @@ class Frame(NamedTuple):
     cols: int
 
 
-class Move(NamedTuple):
+class TimedMove(NamedTuple):
     """A move from (x, y) m by (dx, dy) m in `duration` s to the flat cell `cell`."""
 
     x: float
@@ -43,7 +43,7 @@ class Move(NamedTuple):
     cell: int
 
 
-class Workspace(NamedTuple):
+class SippMemory(NamedTuple):
     """Memory of `sipp` for maps of N cells, reused by later queries; `stamp` marks the cells opened by the present query.
 
     A state is a safe interval of a cell, or the start (state 0, cell -1).
@@ -82,7 +82,7 @@ class Moving(NamedTuple):
 
 @kernel
 def sipp(
-    moving: Moving, start: tuple[float, float], now: float, segments: Segments, max_expanded: int, ws: Workspace
+    moving: Moving, start: tuple[float, float], now: float, segments: Segments, max_expanded: int, ws: SippMemory
 ) -> tuple[int, int, int, float]:
     """Find the earliest arrival of a disc among moving discs: A* over safe intervals with the exact field as heuristic.
 
@@ -132,7 +132,7 @@ def sipp(
 
 @bare_kernel
 def _leave_start(
-    moving: Moving, start: tuple[float, float], now: float, predictions: Predictions, ws: Workspace
+    moving: Moving, start: tuple[float, float], now: float, predictions: Predictions, ws: SippMemory
 ) -> tuple[bool, float]:
     """Go straight from the start to the centres around it; return False if `ws` is full, and a lower bound on the arrival."""
     field, (x0, y0, size, cols) = moving.field, moving.frame
@@ -147,14 +147,14 @@ def _leave_start(
             dx, dy = x0 + c * size - start[0], y0 + r * size - start[1]
             duration = math.hypot(dx, dy) / moving.speed
             bound = min(bound, now + duration + field[r, c])
-            leg = Move(start[0], start[1], dx, dy, duration, r * cols + c)
+            leg = TimedMove(start[0], start[1], dx, dy, duration, r * cols + c)
             if not _enter(0, leg, field[r, c], moving.frame, now, predictions, ws):
                 return False, bound
     return True, bound
 
 
 @inner_kernel
-def _make_moves(i: int, moving: Moving, now: float, predictions: Predictions, ws: Workspace) -> bool:
+def _make_moves(i: int, moving: Moving, now: float, predictions: Predictions, ws: SippMemory) -> bool:
     """Make the next moves of state i in the order of their extra cost over the field; return False if `ws` is full."""
     field, frame = moving.field, moving.frame
     row, col = divmod(ws.cell[i], frame.cols)
@@ -169,7 +169,7 @@ def _make_moves(i: int, moving: Moving, now: float, predictions: Predictions, ws
                 rest = min(rest, extra)
             elif extra > ws.done[i]:
                 dx, dy = moving.offsets[k, 1] * frame.resolution, moving.offsets[k, 0] * frame.resolution
-                move = Move(x, y, dx, dy, duration, r * frame.cols + c)
+                move = TimedMove(x, y, dx, dy, duration, r * frame.cols + c)
                 if not _enter(i, move, field[r, c], frame, now, predictions, ws):
                     return False
     ws.done[i], ws.todo[i] = limit, rest
@@ -183,7 +183,9 @@ def _centre(frame: Frame, cell: int) -> tuple[float, float]:
 
 
 @bare_kernel
-def _enter(i: int, move: Move, remaining: float, frame: Frame, now: float, predictions: Predictions, ws: Workspace) -> bool:
+def _enter(
+    i: int, move: TimedMove, remaining: float, frame: Frame, now: float, predictions: Predictions, ws: SippMemory
+) -> bool:
     """Make a move of state i into each safe interval of its target cell whose arrival it improves; False if `ws` is full."""
     x, y, dx, dy, duration, cell = move
     if ws.stamp[cell] != ws.counts[QUERY]:
@@ -212,7 +214,7 @@ def _enter(i: int, move: Move, remaining: float, frame: Frame, now: float, predi
 
 
 @bare_kernel
-def _open(cell: int, x: float, y: float, now: float, segments: Segments, ws: Workspace) -> None:
+def _open(cell: int, x: float, y: float, now: float, segments: Segments, ws: SippMemory) -> None:
     """Append the safe intervals from `now` on of a robot standing at (x, y) as states."""
     spans, n = ws.spans, 0
     for p in range(len(segments)):
@@ -231,7 +233,7 @@ def _open(cell: int, x: float, y: float, now: float, segments: Segments, ws: Wor
 
 
 @bare_kernel
-def _push(key: float, time: float, state: int, ws: Workspace) -> None:
+def _push(key: float, time: float, state: int, ws: SippMemory) -> None:
     """Push onto the heap, whose top has the least key and, among equals, the latest time."""
     key = np.rint(key / SLACK) * SLACK
     i = ws.counts[ENTRIES]
@@ -246,7 +248,7 @@ def _push(key: float, time: float, state: int, ws: Workspace) -> None:
 
 
 @bare_kernel
-def _pop(ws: Workspace) -> None:
+def _pop(ws: SippMemory) -> None:
     """Remove the top of the heap."""
     ws.counts[ENTRIES] -= 1
     entries = ws.counts[ENTRIES]
@@ -267,7 +269,7 @@ def _pop(ws: Workspace) -> None:
 
 
 @kernel
-def sipp_path(state: int, start: tuple[float, float], frame: Frame, ws: Workspace) -> tuple[Floats, Floats]:
+def sipp_path(state: int, start: tuple[float, float], frame: Frame, ws: SippMemory) -> tuple[Floats, Floats]:
     """Return the path to `state` of the last query: t float64[N] s, strictly increasing, and xy float64[N, 2] m."""
     n, i = 1, state
     while i > 0:

@@ -12,7 +12,7 @@ import numpy as np
 
 from antway.kernels.base.arrays import Floats
 from antway.kernels.base.records import CLEARANCE_RADIUS, CONTACT_RADIUS, T0, T1, VX, VY, Predictions, Terrain, X
-from antway.kernels.crossing import Settings
+from antway.kernels.crossing import PolicySettings
 from antway.kernels.spacetime.ants import search
 from antway.kernels.spacetime.context import PlanningContext, free_time
 from antway.kernels.spacetime.memory import KNOTS, Memory
@@ -37,7 +37,7 @@ class Snapshot:
     """The data of a control cycle, from which alternatives can be computed later."""
 
     context: PlanningContext
-    settings: Settings
+    settings: PolicySettings
     terrain: Terrain
     now: float  # s
     age: float  # s, of the track estimates

@@ -10,8 +10,8 @@ from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import make_state
-from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
-from antway.kernels.controls.lattice import DOWNHILL, Lattice
+from antway.kernels.controls.colony import Archive, ControlColonySettings, forage, shift
+from antway.kernels.controls.lattice import DOWNHILL, ControlLattice
 from antway.kernels.controls.lookup import depth_in_wall
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead, spread_plan
@@ -63,7 +63,7 @@ class ControlColony:
         self.archive = _archive(o, steps, block)
         self.lattice = _lattice(robot, block)
         limits = np.array([robot.v_max, robot.turn_rate if robot.wheels else robot.v_max])
-        self.settings = ColonySettings(
+        self.settings = ControlColonySettings(
             rounds=o.rounds,
             ants=o.ants,
             locality=o.locality,
@@ -270,7 +270,7 @@ def _averaging(o: ControlOptions, steps: int, block: int) -> Averaging:
     )
 
 
-def _lattice(robot: RobotSpec, block: int) -> Lattice:
+def _lattice(robot: RobotSpec, block: int) -> ControlLattice:
     """Return the commands that are held for `block` periods, and memory for a search over them."""
     if robot.wheels:
         half = math.pi / (block * robot.dt)  # rad/s; half a turn in an arc is enough for robots that could turn faster
@@ -282,7 +282,7 @@ def _lattice(robot: RobotSpec, block: int) -> Lattice:
         full = robot.v_max * np.column_stack((np.cos(bearing), np.sin(bearing)))
         held = np.vstack((full, 0.5 * full, (0.0, 0.0)))
     nodes = 1 + _EXPANSIONS * (len(held) + DOWNHILL)
-    return Lattice(
+    return ControlLattice(
         held=held,
         node=np.zeros((nodes, 7)),
         link=np.zeros((nodes, 3), np.int64),

@@ -20,7 +20,7 @@ _SLIP = 0.05  # m/s; a smaller error of measured speeds does not matter
 _UNSEEN = 0.05  # rad; a robot that turns by more in a cycle at a turn rate of 0 does not measure it
 
 
-class Odometry:
+class OdometryCheck:
     """Tells whether the speeds that a robot measures are right, and what they are where they are wrong.
 
     They are wrong if the velocity from one place to the next lies outside of what is measured at both, and is predicted twice

@@ -10,7 +10,7 @@ import numpy as np
 from antway.kernels.base.jit import call
 from antway.kernels.robot.odometry import COLUMNS, HEADING, A, B, T, X, Y
 from antway.kernels.robot.response import GROWS, PLACE, SLOWS, TURNS, Period, learn
-from antway.policies.antway.odometry import Odometry
+from antway.policies.antway.odometry import OdometryCheck
 from antway.world.policy import Command, Observation
 from antway.world.robots import RobotSpec
 
@@ -62,7 +62,7 @@ class Response:
         self.given, self.commands, self.known = np.zeros(most), np.zeros((most, 2)), 0  # the last commands, and how many
         self.seen = np.full((most, COLUMNS), math.nan)  # the last observations
         self.spread, self.place = 0.0, np.zeros(PLACE)
-        self.odometry, self.held = Odometry(declared), False  # `held`: does not move although it is told to
+        self.odometry, self.held = OdometryCheck(declared), False  # `held`: does not move although it is told to
 
     def update(self, o: Observation) -> bool:
         """Learn from the robot's place and speeds; tell whether `robot` has changed."""

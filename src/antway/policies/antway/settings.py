@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from antway.kernels.crossing import Settings
-from antway.kernels.spacetime.ants import ColonySettings
+from antway.kernels.crossing import PolicySettings
+from antway.kernels.spacetime.ants import AntSettings
 from antway.kernels.tracking.predict import TubeMargins
 from antway.policies.guard import assumed_accel
 from antway.world.policy import Task
@@ -25,7 +25,7 @@ _BETAS = (100.0, 30.0, 10.0, 100.0)  # 1/s; greediness of the ants in turn: thre
 _SLACK = (9.0, 0.0, 0.05, 0.2)  # s; each of these ants gives up once its path has become this much longer
 
 
-def make_settings(policy: AntwayPolicy, task: Task, radius: float) -> Settings:
+def make_settings(policy: AntwayPolicy, task: Task, radius: float) -> PolicySettings:
     """Return the settings of the cycle of kernels/crossing.py for plans of a disc of `radius` m, with the policy's options."""
     robot = task.robot
     controlled = not robot.stepwise  # then the colony in the space of controls keeps the margins
@@ -42,7 +42,7 @@ def make_settings(policy: AntwayPolicy, task: Task, radius: float) -> Settings:
         vector_bound=assumed_accel(task, policy.mode),
         drift_time=0.0 if strict or controlled or policy.margin is not None else _DRIFT_TIME,
     )
-    colony = ColonySettings(
+    colony = AntSettings(
         leg_cells=_LEG_NODES,
         betas=np.array(_BETAS),
         slack=np.array(_SLACK),
@@ -52,7 +52,7 @@ def make_settings(policy: AntwayPolicy, task: Task, radius: float) -> Settings:
         stay=float(task.stay),
     )
     short = np.flatnonzero(np.abs(policy.moves.offsets).max(axis=1) == 1)  # moves to neighbouring nodes
-    return Settings(
+    return PolicySettings(
         dt=robot.dt,
         horizon=policy.horizon,
         stores_predictions=True,

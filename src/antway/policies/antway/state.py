@@ -14,7 +14,7 @@ from antway.grid import Grid
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import Terrain
 from antway.kernels.controls.problem import StaticField
-from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, Crowd, PlanInUse, Settings
+from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, Crowd, PlanInUse, PolicySettings
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
@@ -47,7 +47,7 @@ class State:
     task: Task
     surroundings: Grid  # the map on which obstacles move; that of the task may be a part of it
     terrain: Terrain  # the same for kernels
-    settings: Settings
+    settings: PolicySettings
     paces: Paces  # for full speed while no track is known, and for the slower pace among tracks
     context: PlanningContext  # that of the pace in use
     memory: Memory | None  # to search in; None: that of the thread (`shared_memory`)
@@ -234,7 +234,7 @@ def adapt_settings(s: State, now: float, horizon: float) -> None:
         )
 
 
-def without_edges(settings: Settings) -> Settings:
+def without_edges(settings: PolicySettings) -> PolicySettings:
     """Return the settings for obstacles that do not turn back at the edges of the map, as one was seen to cross them."""
     open_ended = {name: getattr(settings, name)._replace(edges=False) for name in ("tubes", "narrow_tubes", "wide_tubes")}
     return settings._replace(**open_ended)

@@ -22,7 +22,7 @@ from antway.planning import Problem, Status, TimedPath
 from antway.policies.encounter import closest_approach, encounter
 from antway.policies.guard import Guard, check_observation
 from antway.policies.paper.local_target import local_target
-from antway.policies.paper.routes import STOP, Nodes, PathsFrom, Routes
+from antway.policies.paper.routes import STOP, Nodes, PathsFrom, StaticRoutes
 from antway.policies.paper.tubes import Tubes
 from antway.world.ants import AntStep, LaidTrails
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
@@ -114,7 +114,7 @@ class PaperPolicy:
 
     def reset(self, task: Task, seed: int) -> None:
         """Steps 1 and 2: find the shortest path over the known map with Dijkstra's algorithm."""
-        self.seed, self.spec, self.routes = checks.seed(seed), task.robot, Routes(task)
+        self.seed, self.spec, self.routes = checks.seed(seed), task.robot, StaticRoutes(task)
         self.guard = Guard() if self.routes.stops else None  # the paper's robot stops and turns at once and needs no guard
         if self.guard is not None:
             self.guard.reset(task)

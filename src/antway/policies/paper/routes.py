@@ -48,7 +48,7 @@ class PathsFrom:
         return self.field.path_from(cell).astype(np.int64)
 
 
-class Routes:
+class StaticRoutes:
     """The static side of a task; its map is inflated by `diagonal_radius`."""
 
     def __init__(self, task: Task) -> None:
