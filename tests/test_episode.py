@@ -296,6 +296,18 @@ def test_two_processes_give_the_same_bytes(tmp_path: Path, policy: str) -> None:
     assert there.stdout.split("\n")[:-1] == here
 
 
+def test_a_policy_that_fails_at_a_start_within_reach_of_the_goal_is_an_error() -> None:
+    """The robot is at its goal and never drives; the verifier said that it went on."""
+
+    class Fails(Steer):
+        def reset(self, task, seed) -> None:
+            raise ValueError("no")
+
+    result = run(Scenario(World(ROOM), (1.0, 1.0), (1.05, 1.0)), Fails(lambda seen: (0.0, 0.0)))
+    assert result.outcome is Outcome.ERROR
+    check_episode(result)
+
+
 def test_global_randomness_is_untouched() -> None:
     """C33: an episode moves the states of `random` and `numpy.random` not; test_numbers.py asks every public function."""
     random.seed(1)

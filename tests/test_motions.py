@@ -36,6 +36,12 @@ def test_scripted_motions_are_where_arithmetic_says() -> None:
     assert [track.at(t)[0][0, 0] for t in (0, 1.5, 9)] == [1, 1.5, 2]
 
 
+def test_a_disc_that_fills_its_gap_is_refused_with_the_reason() -> None:
+    """It would bounce at every moment; the error said only that its path has too many knots."""
+    with pytest.raises(BadScenario, match="the walls farther apart than the disc, 10 m"):
+        trajectory(Bounce((5.0, 5.0), 0.3), radius=5.0)
+
+
 def test_bouncing_discs_keep_clear_of_walls_and_keep_their_speed() -> None:
     """Every point of every course is at least the radius from walls and edges; every leg has the speed; none overlaps."""
     rng = np.random.default_rng(3)

@@ -248,6 +248,15 @@ def test_a_robot_that_is_held_and_released_is_as_declared(name: str) -> None:
         assert response.robot is declared and str(response) == ""
 
 
+def test_a_car_that_is_only_asked_to_turn_is_not_held() -> None:
+    """It cannot turn in place, so that it stays where it is as it should."""
+    response = Response(RobotSpec(drive="ackermann", a_max=1.0, turning_radius=1.0))
+    for k in range(30):
+        response.update(Observation(0.1 * k, (0.0, 0.0), (0.0, 0.0), 0.0, NOBODY))
+        assert str(response) == ""
+        response.record(Observation(0.1 * k, (0.0, 0.0), (0.0, 0.0), 0.0, NOBODY), Command(twist=(0.0, 1.0)))
+
+
 @pytest.mark.parametrize("name", ["diff", "inertia"])
 def test_a_robot_that_is_carried_elsewhere_knows_its_place_as_well_as_before(name: str) -> None:
     """A jump of 5 m is no error of the place that could come back, and a turn that nobody commanded no missing gyroscope."""

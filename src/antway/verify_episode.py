@@ -131,7 +131,7 @@ def _end_faults(again: Again) -> Iterator[str]:
     if outcome == "reached" and away[-1] > task.goal_tolerance + _NEAR:
         yield f"claims to have reached the goal from {away[-1]:.7g} m away; the tolerance is {task.goal_tolerance:g} m"
     homeward = trace.t > last_end(trace) + _NEAR if trace.rounds is not None else np.full(len(trace.t), True)
-    most = len(trace) - (outcome == "reached")
+    most = len(trace) - (outcome == "reached") if len(trace) else -1  # who was never driven does not go on
     if ((away < task.goal_tolerance - _NEAR) & homeward)[: most + 1].any():
         yield "goes on after it reached the goal"
     elif (_passes_goal(again) & homeward[:-1])[: max(most, 0)].any():

@@ -248,7 +248,8 @@ def _bounce(
         if n <= size:
             return t[:n], grid.to_xy(rc[:n])
         if size > MAX_KNOTS:
-            raise BadScenario("speed", speed, f"such that the path has at most {MAX_KNOTS} knots")
+            allowed = f"such that the path has at most {MAX_KNOTS} knots, or the walls farther apart than the disc, {2 * radius:g} m"
+            raise BadScenario("speed", speed, allowed)
         size *= 8
 
 

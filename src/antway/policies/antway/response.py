@@ -123,6 +123,8 @@ class Response:
             return False
         top = robot.v_max, robot.turn_rate if robot.wheels else robot.v_max
         asked = np.hypot(*(self.commands / top).T)
+        if robot.turning_radius > 0.0:  # a car that is only asked to turn stays where it is
+            asked = np.abs(self.commands[:, 0]) / top[0]
         turned = math.remainder(now[HEADING] - before[HEADING], math.tau) if robot.wheels else 0.0
         moved = math.hypot(math.dist(before[X : Y + 1], now[X : Y + 1]) / top[0], turned / top[1])
         return bool(asked.min() > _MORE and moved < _STILL * asked[-1] * (now[T] - before[T]))
