@@ -38,7 +38,7 @@ def test_scripted_motions_are_where_arithmetic_says() -> None:
 
 def test_a_disc_that_fills_its_gap_is_refused_with_the_reason() -> None:
     """It would bounce at every moment; the error said only that its path has too many knots."""
-    with pytest.raises(BadScenario, match="the walls farther apart than the disc, 10 m"):
+    with pytest.raises(BadScenario, match="walls farther apart than the disc, 10 m"):
         trajectory(Bounce((5.0, 5.0), 0.3), radius=5.0)
 
 

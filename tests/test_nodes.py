@@ -42,7 +42,7 @@ def test_no_nodes_are_left_out_if_a_path_is_lost() -> None:
     blocked[:13, 95:105] = False
     blocked[100:118, 95:105] = False
     task = Task(Grid(blocked, 0.05), RobotSpec(radius=0.3), (1.0, 1.0), (9.0, 4.02))
-    over_cells, start, goal = planning_context(task, Moves.THIRTY_TWO)
+    _, over_cells, start, goal = planning_context(task, Moves.THIRTY_TWO)
     sparse = make_context(task.grid, task.robot, goal, stride=3)
     chosen = with_far_nodes(task, over_cells, over_cells, start, goal, Moves.THIRTY_TWO)
     assert sparse.field.min() == 0.0 and chosen.resolution < 0.15
@@ -146,3 +146,14 @@ def test_a_map_of_one_row_that_is_not_divided_is_driven_along(robot: str, shape:
     result = run(Scenario(World(grid), grid.centre((0, 0)), goal, load_robot(robot), horizon=40.0), "antway", seed=0)
     check_episode(result)
     assert result.reached
+
+
+def test_passages_that_are_hardly_wider_than_two_large_cells_are_found() -> None:
+    """A robot without inertia used to end with an error: no centre of a cell is as far from the walls as its radius."""
+    blocked = np.zeros((8, 16), np.bool_)
+    blocked[[2, 5]] = True
+    for radius, y in ((0.3, 2.0), (0.3, 1.9), (0.4, 2.0)):
+        scenario = Scenario(World(Grid(blocked, 0.5)), (1.0, 2.0), (6.5, y), robot=RobotSpec(radius=radius))
+        result = run(scenario, "antway", seed=0)
+        check_episode(result)
+        assert result.reached and result.time < 5.5

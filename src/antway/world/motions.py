@@ -248,7 +248,9 @@ def _bounce(
         if n <= size:
             return t[:n], grid.to_xy(rc[:n])
         if size > MAX_KNOTS:
-            allowed = f"such that the path has at most {MAX_KNOTS} knots, or the walls farther apart than the disc, {2 * radius:g} m"
+            allowed = (
+                f"such that the path has at most {MAX_KNOTS} knots, or walls farther apart than the disc, {2 * radius:g} m"
+            )
             raise BadScenario("speed", speed, allowed)
         size *= 8
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -99,7 +100,7 @@ def planning_contexts(task: Task, moves: Moves) -> ContextPair:
 
     The errors are those of `planning_context`.
     """
-    over_cells, start, goal = planning_context(task, moves)
+    task, over_cells, start, goal = planning_context(task, moves)
     kept = over_cells if task.robot.stepwise else away_from_walls(task, over_cells, start, goal, moves)
     return with_far_nodes(task, over_cells, kept, start, goal, moves), kept
 
@@ -124,8 +125,11 @@ def narrow_contexts(task: Task, moves: Moves, radius: float) -> ContextPair | No
         return None
 
 
-def planning_context(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, Cell]:
-    """Return the planning context of a task, and the cells at which its paths start and end.
+def planning_context(task: Task, moves: Moves) -> tuple[Task, PlanningContext, Cell, Cell]:
+    """Return the task on the cells that are planned on, its planning context, and the cells at which its paths start and end.
+
+    The cells are those of the map, or finer ones where a robot without inertia has no path between the centres of these: it
+    may fit through passages that are hardly wider than two large cells.
 
     The context is that of the largest disc that has a path, of a few from the disc around the footprint down to the one inside
     it. A smaller disc finds the path through a door that is hardly wider than the robot, and its path leads through the middle.
@@ -148,8 +152,14 @@ def planning_context(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, C
             continue
         context = make_context(grid, replace(robot, radius=radius, footprint=None), goal, moves)
         if math.isfinite(context.field[start[0] * grid.shape[1] + start[1]]):
-            return context, start, goal
-        widest = widest or (context, start, goal)
+            return task, context, start, goal
+        widest = widest or (task, context, start, goal)
+    fine = with_fine_cells(task) if robot.stepwise else task
+    if fine is not task:
+        with suppress(CellBlocked):
+            found = planning_context(fine, moves)
+            if math.isfinite(found[1].field.reshape(fine.grid.shape)[found[2]]):
+                return found
     if widest is None:
         for name, xy in ends.items():
             standing_cell(name, xy, grid, inflated, radius)
