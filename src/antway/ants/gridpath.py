@@ -79,7 +79,8 @@ def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **option
     >>> round(plan.length, 3), plan.optimal
     (11.314, True)
     """
-    known = list(inspect.signature(explore).parameters)[3:-2]  # all but problem, seed and budget, record and stop_at_bound
+    set_here = ("problem", "seed", "budget", "record", "stop_at_bound")
+    known = [name for name in inspect.signature(explore).parameters if name not in set_here]
     for name in options:
         if name not in known:
             raise BadParameter(name, options[name], f"left out: the options are {', '.join(known)}")

@@ -208,7 +208,7 @@ def _lines(text: io.TextIOWrapper) -> Iterator[tuple[int, str]]:
     for number in range(1, 2 * MAX_ROWS + 1):
         line = text.readline(MAX_LINE + 1)
         if len(line) > MAX_LINE:
-            raise ValueError(f"a line {number} of more than {MAX_LINE} letters")
+            raise ValueError(f"line {number} of more than {MAX_LINE} letters")
         if not line:
             return
         yield number, line

@@ -15,7 +15,7 @@ from antway.grid import Grid
 from antway.kernels.base.jit import call, entry
 from antway.kernels.base.records import PEOPLE_ACCEL, RobotState, Walls
 from antway.kernels.robot import guard as kernel
-from antway.kernels.robot.brake import Robot
+from antway.kernels.robot.brake import BENT, Robot
 from antway.kernels.robot.passing import fallback, passed_among
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
@@ -111,7 +111,7 @@ def relative_swerve(task: Task) -> float:
 
 def longest_stop(robot: RobotSpec) -> float:
     """Return how long a certified stop takes at most, s: without wheels, a robot may brake along one axis after the other."""
-    return robot.stop_time * (1.0 if robot.wheels else math.sqrt(2.0))
+    return robot.stop_time * (1.0 if robot.wheels else BENT)
 
 
 class Guard:

@@ -24,6 +24,7 @@ from antway.kernels.robot.sweep import DIRECTIONS, Body, Segment, axis_gap, disc
 
 # Entries of the guard's state: the command in the bend of the kept stop, the cycles left of it, and the last side taken.
 BEND_A, BEND_B, CYCLES, SIDE = range(4)
+BENT = math.sqrt(2.0)  # 1; without wheels a stop takes up to this times as long, as it may brake along one axis after the other
 STRAIGHT = 0.01  # rad/s, m/s; a smaller turn rate or speed along an axis counts as none
 _SLACK = 0.01  # m; obstacles beyond the farthest place of a manoeuvre by more than this are left out
 _CLOSE = 1e-12  # m; a smaller gap is a contact
@@ -171,7 +172,7 @@ def _nearby(state: RobotState, robot: Robot, tracks: Floats) -> int:
     fastest = min(speed + limits.a_max * robot.dt, limits.v_max)
     stop = fastest / limits.brake_max if limits.brake_max < math.inf else 0.0
     turning = limits.turn_rate / limits.alpha_max if len(robot.body.corners) > 1 and limits.alpha_max < math.inf else 0.0
-    time = limits.latency + 2.0 * robot.dt + max(math.sqrt(2.0) * stop if holonomic else stop, turning) + turning
+    time = limits.latency + 2.0 * robot.dt + max(BENT * stop if holonomic else stop, turning) + turning
     far = fastest * (2.0 * robot.dt + stop) + robot.body.radius + _SLACK
     for k in range(len(tracks)):
         away = math.hypot(tracks[k, X] - x, tracks[k, Y] - y) - tracks[k, RADIUS]
