@@ -78,6 +78,16 @@ def test_grey_trap(tmp_path: Path) -> None:
     assert grid.unknown is not None and grid.unknown.tolist() == [[True, True, False, False]]
 
 
+def test_a_picture_of_noughts_and_ones(tmp_path: Path) -> None:
+    """Greys of 0 and 1 in a picture of 255 are both black; a warning says so, unless the threshold tells them apart."""
+    Image.fromarray(np.eye(3, dtype=np.uint8)).save(tmp_path / "a.png")
+    with pytest.warns(GreyTrapWarning, match=r"every cell is blocked; save 0 and 255"):
+        assert load_map(tmp_path / "a.png", resolution=1.0).blocked.all()
+    assert not load_map(tmp_path / "a.png", resolution=1.0, occupied=100).blocked.diagonal().any()
+    Image.fromarray(np.zeros((3, 3), dtype=np.uint8)).save(tmp_path / "black.png")
+    assert load_map(tmp_path / "black.png", resolution=1.0).blocked.all()
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_round_trip(tmp_path: Path, suffix: str) -> None:
     """C19: what is saved loads as it was, and is saved again as the same bytes."""

@@ -17,8 +17,9 @@ from antway.errors import BadMap, BadParameter
 from antway.grid import Grid
 from antway.maps import image, movingai, ros, text
 from antway.maps.limits import DEFAULT, Limits, as_path
+from antway.maps.image import GreyTrapWarning
 from antway.maps.movingai import ScenRow, load_scen
-from antway.maps.ros import GreyTrapWarning, load_costs
+from antway.maps.ros import load_costs
 from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
 
@@ -84,7 +85,7 @@ def load_map(
     Warns
     -----
     GreyTrapWarning
-        If unknown cells of a ROS map load as free.
+        If unknown cells of a ROS map load as free, or a picture has no greys but 0 and 1, so that every cell is blocked.
     ResolutionWarning
         If a picture is loaded without a resolution; a pixel is then 1 m wide.
     """

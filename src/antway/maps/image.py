@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+import warnings
 import zlib
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -28,10 +29,20 @@ _NPY = {name: re.compile(rf"'{name}'\s*:\s*{value}".encode()) for name, value in
 Picture = tuple[NDArray[np.uint8], NDArray[np.bool_] | None]  # grey 0 to 255, and where it is not fully opaque
 
 
+class GreyTrapWarning(UserWarning):
+    """Cells that were saved as unknown load as free, because `free_thresh` is too high; or a picture is of the greys 0 and 1."""
+
+
 def read(path: Path, limits: Limits, occupied: int = 50) -> Grid:
     """Read a PNG or PGM: pixels of `occupied` % black are blocked, pixels that are not opaque unknown (and so blocked)."""
     grey, clear = read_grey(path, limits)
     blocked = grey <= 255 * (100 - occupied) // 100
+    if grey.max() == 1 and blocked.all():
+        warnings.warn(
+            f"{path}: all pixels have grey 0 or 1 of 255, so every cell is blocked; save 0 and 255 instead, or the array as .npy",
+            GreyTrapWarning,
+            stacklevel=3,
+        )
     if clear is None:
         return Grid(blocked)
     return Grid(blocked | clear, unknown=clear)

@@ -21,17 +21,13 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadInput, BadMap, BadParameter
 from antway.grid import Grid
-from antway.maps.image import pgm, read_grey
+from antway.maps.image import GreyTrapWarning, pgm, read_grey
 from antway.maps.limits import DEFAULT, Limits, as_path
 from antway.reading import check_yaml, opened
 
 UNKNOWN_GREY, FREE_GREY = 205, 254  # the greys that map_saver writes
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", re.ASCII)
 _FLAG = {"0": False, "1": True, "false": False, "true": True, "no": False, "yes": True, "off": False, "on": True}
-
-
-class GreyTrapWarning(UserWarning):
-    """Cells that were saved as unknown load as free, because `free_thresh` is too high."""
 
 
 @dataclass(frozen=True, slots=True)
