@@ -255,8 +255,8 @@ class TimedPath:
     xy: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        self.t.flags.writeable = False
-        self.xy.flags.writeable = False
+        object.__setattr__(self, "t", checks.array("t", self.t, (None,), finite=False))
+        object.__setattr__(self, "xy", checks.array("xy", self.xy, (len(self.t), 2), finite=False))
 
     def __reduce__(self) -> tuple[object, ...]:
         return TimedPath, (self.t, self.xy)

@@ -171,9 +171,10 @@ def explore(
         checks.instance(name, flag, bool)
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0)
     checks.choice("heuristic", heuristic, BETA)
-    if isinstance(rule, str) and beta is None:
-        beta = BETA[heuristic]
-    colony = make_rule(MMAS_ON_GRIDS if rule == "mmas" else rule, persistence=persistence, ants=ants, alpha=alpha, beta=beta)
+    if isinstance(rule, str):
+        beta = BETA[heuristic] if beta is None else beta
+        rule = MMAS_ON_GRIDS if rule == "mmas" else rule
+    colony = make_rule(rule, persistence=persistence, ants=ants, alpha=alpha, beta=beta)
     number = colony.ants or 50
     checks.integer("ants * cycles", number * cycles, high=2**31 - 2)
     threads = checks.integer("threads", threads, low=1, high=256)

@@ -173,7 +173,7 @@ def _records(table: object) -> dict[str, Any] | list[dict[str, Any]]:
         columns["name"] = [table.task.names[stop] for stop in columns["stop"]]
         columns |= {name: [getattr(route, name)[n] for _, route, n in visits] for name in ("arrival", "waiting")}
         return columns | {"leg": [route.legs[n].length for _, route, n in visits]}
-    if isinstance(table, Iterable) and not isinstance(table, str | bytes):
+    if isinstance(table, Iterable) and not isinstance(table, str | bytes | np.ndarray):
         rows = list(table)
         if all(is_dataclass(row) and not isinstance(row, type) for row in rows):
             return [asdict(row) for row in rows]

@@ -180,7 +180,7 @@ class Episode:
         horizon: float | None = None,
         record: bool = True,
     ) -> None:
-        self.scenario, self.record = checks.instance("scenario", scenario, Scenario), record
+        self.scenario, self.record = checks.instance("scenario", scenario, Scenario), checks.instance("record", record, bool)
         self.seed = scenario.seed if seed is None else checks.seed(seed)
         if horizon is None:
             horizon = scenario.horizon

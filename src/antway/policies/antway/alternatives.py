@@ -74,7 +74,7 @@ class Snapshot:
         knots = np.empty((KNOTS, 3))
         n = trace_back(memory, context, predictions, x, y, last, end, end + s.horizon, memory.knots)
         n = shorten(context, predictions, memory.knots[:n], knots)
-        return TimedPath(knots[:n, 0].copy(), knots[:n, 1:].copy())
+        return TimedPath(knots[:n, 0], knots[:n, 1:])
 
     def straight(self, memory: Memory | None = None) -> TimedPath | None:
         """Return the direct path, without moving obstacles, in legs short enough to tell when a conflict begins."""

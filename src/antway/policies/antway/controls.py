@@ -210,7 +210,7 @@ class ControlColony:
 
     def path(self) -> TimedPath:
         """Return the path that the best sequence led along when it last led elsewhere than before."""
-        return TimedPath(self._shown[:, 0].copy(), self._shown[:, 1:].copy())
+        return TimedPath(self._shown[:, 0], self._shown[:, 1:])
 
 
 def _quarter_turn(robot: RobotSpec) -> float:

@@ -365,7 +365,7 @@ class AntwayPolicy:
         if s.controls is not None:
             return s.controls.path()
         n = int(s.plan.state[KNOT_COUNT])
-        return TimedPath(s.plan.knots[:n, 0].copy(), s.plan.knots[:n, 1:].copy()) if n else None
+        return TimedPath(s.plan.knots[:n, 0], s.plan.knots[:n, 1:]) if n else None
 
     def explain(self) -> Decision:
         """Return the reasons for the last command.
