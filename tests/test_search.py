@@ -19,6 +19,7 @@ from antway import Grid, Moves, Problem, Status, check_plan, distance_field, loa
 from antway.kernels.search.best_first import gauge
 from antway.kernels.search.jps import jump, place
 from antway.maps.movingai import load_scen
+from antway.planning import Budget, start_clock
 from antway.search import derived
 from antway.search.astar import Searcher, astar, searcher
 from antway.search.batch import solve_many
@@ -300,3 +301,23 @@ def test_where_jumps_pay() -> None:
     grid = Grid(strewn)
     start, goal = pick(rng, grid, 2)
     assert jps(Problem(grid, start, goal)).length == astar(Problem(grid, start, goal)).length
+
+
+def test_a_start_with_as_many_jump_points_as_can_be() -> None:
+    """From the middle of a hall with pillars beside its walls, diagonals pass jump points at each cell, all with space."""
+    for n in (21, 101, 201):
+        pillars, middle = np.zeros((n, n), dtype=bool), n // 2
+        far = np.arange(6, n - 6, 3)
+        pillars[2, far] = pillars[n - 3, far] = pillars[far, 2] = pillars[far, n - 3] = True
+        pillars[1, : middle + 3] = True  # the goal is not in sight
+        problem = Problem(Grid(pillars), (middle, middle), (0, middle))
+        search = searcher(problem.grid, Moves.EIGHT, jumping=True)
+        work = search.workspace()
+        rows = len(work.memory.reached)
+        whole = np.full((2 * rows, 4), -7, np.int32)
+        work.memory = work.memory._replace(reached=whole[:rows])
+        search.spare.append(work)
+        plan = search.plan(problem, start_clock(problem, 0, Budget()))
+        check_plan(problem, plan)
+        assert plan.length == dijkstra(problem).length
+        assert (whole[rows:] == -7).all() and (whole[: 2 * n] != -7).any()

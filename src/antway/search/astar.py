@@ -45,7 +45,8 @@ class Workspace:
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
-        cells, longest = shape[0] * shape[1], 2 * max(shape) + 8
+        # From a start, jumps lead in 8 directions: each cell of 4 diagonals appends up to 2 successors, and one more is tried.
+        cells, longest = shape[0] * shape[1], 4 * min(shape) + 16
         self.base = 0
         # np.zeros would use huge pages, but jumps touch only a few cells all over the map.
         nodes = np.frombuffer(mmap.mmap(-1, 8 * cells), np.int32).reshape(cells, 2)

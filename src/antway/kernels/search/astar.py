@@ -30,7 +30,7 @@ class Memory(NamedTuple):
     """The memory of a search, used again by the next one."""
 
     nodes: NDArray[np.int32]  # [cells, 2] label: base + cost of the best path; link: last move + 16 * previous cell
-    reached: NDArray[np.int32]  # [M, 4] successors of the expanded cell: row, col, cost, last move
+    reached: NDArray[np.int32]  # [M, 4] successors of the expanded cell: row, col, cost, last move; no cell has as many as M
     queue: Queue
 
 
@@ -130,7 +130,7 @@ def expand(search_map: SearchMap, memory: Memory, base: int, goal_row: int, goal
     code = RUNNING
     while steps > 0:
         steps -= 1
-        if used > entries.shape[0] - 4 * reached.shape[0]:
+        if used > entries.shape[0] - reached.shape[0]:
             code = FULL
             break
         # Select the open cell of least cost g + h. This closes it, and its entry can be used again.
