@@ -11,10 +11,12 @@ import pytest
 from antway import Grid, Moves, Problem, distance_field
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.kernels.search.canonical import START
+from antway.kernels.search.distance_field import EXPANDED
+from antway.kernels.search.lengths import FINE_STRAIGHT
 from antway.search import derived
 from antway.search.astar import astar
 from antway.search.costs import inflation_costs, path_cost
-from antway.search.derived import NEIGHBOURS
+from antway.search.derived import NEIGHBOURS, lattice
 from antway.search.distance_field import DijkstraField, dijkstra
 from common import cases, pick, random_grid, solvable
 from naive import search as naive
@@ -130,3 +132,16 @@ def test_bad_costs(bad: float) -> None:
                 call()
     with pytest.raises(BadParameter, match=r"costs\.shape"):
         dijkstra(Problem(grid, (0, 0), (2, 2)), costs=np.ones((3, 4)))
+
+
+def test_a_search_that_starts_again_ends_at_its_targets() -> None:
+    """As few cells are expanded after a restart as in a search of its own, and distances are the same."""
+    net = lattice(Grid(np.zeros((400, 400), dtype=bool)), Moves.EIGHT)
+    field = DijkstraField(net, [(200, 200)], [(200, 210)])
+    field.run(None)
+    first, target = int(field.state[EXPANDED]), np.array([net.at((200, 210))])
+    for _ in range(3):
+        field.restart(net.at((200, 200)), target)
+        field.run(None)
+        assert field.distances(target)[0] == 10 * FINE_STRAIGHT
+        assert int(field.state[EXPANDED]) == first < 1000

@@ -92,7 +92,7 @@ def _by_cells(grid: Grid, cells: list[Cell], moves: Moves) -> Iterator[NDArray[n
         field, rows = DijkstraField(net, cells[:1], cells), []
         for i in range(first, len(cells) - 1, threads):
             far = np.abs(places[i + 1 :] - places[i]).max(axis=1)
-            # The farthest come first, because the kernel waits for them one after the other.
+            # The farthest come first, because the kernel looks for one that is not settled yet, and stops there.
             field.restart(at[i], at[i + 1 :][np.argsort(-far, kind="stable")])
             field.run(None)
             rows.append(field.distances(at))

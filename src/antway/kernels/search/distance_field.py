@@ -57,12 +57,12 @@ def run_straight(lattice: Lattice, label: NDArray[np.float64], cell: int, d: int
 
 
 @bare_kernel
-def _greatest(label: NDArray[np.float64], targets: NDArray[np.int64]) -> float:
-    """Return the greatest label of the targets."""
-    greatest = 0.0
+def _are_settled(label: NDArray[np.float64], targets: NDArray[np.int64], low: float) -> bool:
+    """Tell whether there are targets, and all of them have labels below `low`."""
     for target in targets:
-        greatest = max(greatest, label[target])
-    return greatest
+        if label[target] >= low:
+            return False
+    return targets.size > 0
 
 
 @bare_kernel
@@ -77,7 +77,7 @@ def spread(lattice: Lattice, targets: NDArray[np.int64], within: float, memory: 
     code = RUNNING
     while code == RUNNING and steps > 0:
         low = band * STRAIGHT
-        if low > within or opened == 0 or (targets.size > 0 and _greatest(label, targets) < low):
+        if low > within or opened == 0 or _are_settled(label, targets, low):
             code = DONE
             break
         entry = first[band & (RING - 1)]
