@@ -21,9 +21,9 @@ from websockets.sync.client import connect
 from antway import Grid, RobotSpec, Scenario, World, save_map
 from antway.errors import BadInput, TooLarge
 from antway.web import session as sessions
-from antway.web.files import MAX_OBSTACLES, read_upload
+from antway.web.files import MAX_OBSTACLES, decoded, read_upload
 from antway.web.player import SLICE, Player
-from antway.web.server import Gate, serve
+from antway.web.server import Gate, names_of, serve
 from antway.web.session import Session
 from antway.world.episode import Episode
 from antway.world.motions import Bounce
@@ -534,3 +534,38 @@ def _room() -> list[dict[str, str]]:
     toml = 'map = "room.txt"\nstart = [0.5, 0.5]\ngoal = [5.5, 0.5]\n[robot]\nradius = 0.25\n'
     parts = {"room.txt": text, "room.toml": toml}
     return [{"name": name, "data": base64.b64encode(data.encode()).decode()} for name, data in parts.items()]
+
+
+def test_files_in_letters_beyond_base64_are_refused_in_the_librarys_words() -> None:
+    """The data of a file are base64, and what is not, ASCII or not, is named."""
+    for data in ("%", "\xe9\xe9", "AAA"):
+        with pytest.raises(BadInput, match=r"files\[0\]\.data"):
+            decoded([{"name": "a.tsp", "data": data}])
+
+
+@pytest.mark.parametrize(
+    ("host", "names"),
+    [("127.0.0.2", ["127.0.0.2", "127.0.0.1", "localhost"]), ("2001:DB8:0::1", ["[2001:db8::1]"]), ("Robot", ["robot"])],
+)
+def test_a_server_knows_the_address_that_it_prints(host: str, names: list[str]) -> None:
+    """Hosts are compared as browsers send them."""
+    assert {f"{name}:80" for name in names} <= names_of(host, 80)
+
+
+def test_a_page_that_lacks_more_than_a_frame_holds_gets_the_rest() -> None:
+    """After a stop is added, the whole driven path is sent again, in as many frames as it takes."""
+    session = Session()
+    session.apply({"op": "scene", "name": "rounds"})
+    while session.steps < 320:
+        session.advance()
+        session.frame()
+    assert not session.is_behind
+    session.apply({"op": "stop", "xy": session.scenario.start})
+    rows = 0
+    while True:
+        (view,) = session.frame()["views"]
+        assert view["from"] == rows
+        rows += len(view["trail"])
+        if not session.is_behind:
+            break
+    assert rows == session.steps + 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 import io
 import re
 import struct
@@ -101,7 +100,7 @@ def decoded(files: object) -> dict[str, bytes]:
             raise BadParameter(f"files[{i}]", file, "a name and data")
         try:
             contents[_name(file.get("name"))] = base64.b64decode(file["data"], validate=True)
-        except binascii.Error as error:
+        except ValueError as error:  # such as binascii.Error, or letters beyond ASCII
             raise BadParameter(f"files[{i}].data", str(error), "base64") from None
     _total(sum(map(len, contents.values())))
     return contents

@@ -172,7 +172,7 @@ class Player:
                 if send_frame:
                     await self.send(text)
                     self.heard = self.heard if self.in_flight else self.clock()
-                    self.owed, self.in_flight = False, self.in_flight + 1
+                    self.owed, self.in_flight = self.session.is_behind, self.in_flight + 1
 
     def moment(self, steps: int, send_frame: bool) -> str:
         """Play this many steps; return the frame of the moment, or nothing if none is to be sent.

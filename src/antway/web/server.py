@@ -90,7 +90,11 @@ def is_wildcard(host: str) -> bool:
 
 def names_of(host: str, port: int) -> frozenset[str]:
     """Return the allowed Host headers of a server at `host` and `port`."""
-    hosts = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {f"[{host}]" if ":" in host else host.lower()}
+    try:
+        own = str(ipaddress.ip_address(host))  # as browsers write it
+    except ValueError:
+        own = host.lower()
+    hosts = {f"[{own}]" if ":" in own else own} | ({"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else set())
     return frozenset({f"{name}:{port}" for name in hosts} | (hosts if port == 80 else set()))
 
 

@@ -120,6 +120,11 @@ class Session(Tab):
         shown = {"at": self.at, "steps": self.steps}
         return {"kind": "frame", "playing": self.playing, "speed": self.speed, **shown, "views": views}
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether the page lacks a part of a driven path."""
+        return any(view.sent <= view.episode.steps for view in self.views)
+
     def describe(self) -> Message:
         """Return everything static: map, start and goal, obstacles, parameters, names."""
         scenario, grid = self.scenario, self.scenario.world.grid

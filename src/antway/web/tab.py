@@ -36,6 +36,11 @@ class Tab(ABC):
     def ended(self) -> bool:
         """Whether there is nothing left to play."""
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether the page lacks something that the last frame had no space for."""
+        return False
+
     @abstractmethod
     def advance(self) -> None:
         """Play a step, unless the tab is closed or the run has ended; a run that ends sets `playing` to False."""

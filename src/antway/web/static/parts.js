@@ -69,7 +69,7 @@ const refused = ({ input }) => input.getAttribute("aria-invalid") === "true";
 function showSettings(values) {
   for (const row of settings) {
     const { field, input } = row;
-    const value = String(values[field]);
+    const value = String(values[field] ?? "inf");
     const typing = input === document.activeElement && ![value, input.dataset.shown].includes(input.value);
     if (!refused(row) && !typing) input.value = input.dataset.shown = value;
   }

@@ -22,8 +22,9 @@ const TERMS = {
 
 const CYCLE = "Time of the policy for one control cycle: sense, decide, drive. The bars are the last 120, on a logarithmic scale.";
 
-// What a text that begins with a term means; undefined if none does.
-const meaningOf = (text) => TERMS[Object.keys(TERMS).find((term) => text.startsWith(term))];
+// What a text that begins with a term means; undefined if none does. Of two terms, the longer one counts.
+const LONGEST_FIRST = Object.keys(TERMS).sort((one, other) => other.length - one.length);
+const meaningOf = (text) => TERMS[LONGEST_FIRST.find((term) => text.startsWith(term))];
 
 // An element with this text; if that is a term, its meaning can be asked for.
 function named(tag, text) {
