@@ -45,6 +45,9 @@ def test_what_is_no_integer(value: object) -> None:
 def test_integers_and_seeds() -> None:
     """NumPy's integers become Python's; a seed has 64 bits and no sign."""
     assert type(checks.integer("a", np.int8(5))) is int
+    for wrong in (-(2**63) - 1, 2**63):
+        with pytest.raises(errors.BadParameter, match=r"\[-9223372036854775808, 9223372036854775807\]"):
+            checks.integer("a", wrong)
     with pytest.raises(errors.BadParameter, match=r"\[0, 4294967295\]"):
         checks.integer("seed", -1, low=0, high=2**32 - 1)
     assert checks.seed(2**64 - 1) == 2**64 - 1

@@ -7,10 +7,11 @@ import math
 from itertools import product
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
-from antway import BadParameter, BadScenario, check_episode, load_scenario, run
+from antway import BadParameter, BadScenario, Grid, RobotSpec, Scenario, World, check_episode, load_scenario, run
 from antway.demo import FLOW_CHARTS, figure_names, run_demo, static_shortest, summary, write_episode
 from antway.scenes import SCENES
 from antway.world.trace import Trace
@@ -88,3 +89,12 @@ def test_two_runs_of_a_seed_write_the_same_bytes(tmp_path: Path) -> None:
     assert len(files) >= 9 and files == others
     differ = {name.name for name in files if (one / name).read_bytes() != (two / name).read_bytes()}
     assert differ == {"timings.json"}
+
+
+def test_where_no_path_leads_from_cell_to_cell_there_is_no_ratio() -> None:
+    """In a corridor of two wide cells no centre of a cell has space for the robot, which drives between them."""
+    walls = np.ones((6, 24), dtype=bool)
+    walls[2:4, 1:23] = False
+    corridor = Scenario(World(Grid(walls, 0.5)), start=(1.5, 1.5), goal=(10.0, 1.5), robot=RobotSpec(radius=0.3))
+    numbers = summary(run(corridor), corridor.task)
+    assert numbers["reached"] and numbers["shortest"] is None and numbers["length_ratio"] is None

@@ -246,3 +246,9 @@ def test_a_tour_over_the_date_line_stays_on_its_map() -> None:
     assert -190.0 < low < -170.0 and 170.0 < high < 190.0
     legs = [np.abs(np.diff(line.get_xdata())).max() for line in axes.lines if line.get_linestyle() == "-"]
     assert len(legs) == 3 and max(legs) < 60.0
+
+
+def test_a_colony_without_a_history_is_refused() -> None:
+    """Three cities need no search, so their tour has no history to draw."""
+    with pytest.raises(BadParameter, match="history of three"):
+        colonies.seeds_figure({"three": [solve_tsp(Tsp(np.eye(3, 2)), cycles=1).history]})

@@ -190,3 +190,9 @@ def test_wrong_options_of_alternatives_are_refused(options):
     """Each raises a BadInput."""
     with pytest.raises(BadInput):
         alternatives(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2)), **options)
+
+
+def test_more_cycles_than_powers_of_two_fit():
+    """In a corridor there is no second path, however many cycles look for it."""
+    corridor = Problem(Grid(np.zeros((1, 12), dtype=bool)), (0, 0), (0, 11))
+    assert len(alternatives(corridor, 2, cycles=1100, ants=2)) == 1

@@ -191,3 +191,20 @@ def test_a_place_off_the_map_is_told_where_the_map_is() -> None:
     """In metres, which shows whoever has swapped x and y what is wrong."""
     with pytest.raises(OutOfBounds, match=r"x from 0 to 24, y from 0 to 14 \(m\)"):
         load_map("office").cell_at((3.0, 22.0))
+
+
+def test_a_turned_picture_is_still_shown_as_drawn() -> None:
+    """Which side is on top does not depend on the yaw."""
+    for yaw in (0.0, 0.3, 2 * math.pi):
+        drawn = Grid(np.eye(4, dtype=bool), origin=(0.0, 0.0, yaw), top_first=True)
+        assert drawn.turned().top_first
+
+
+@pytest.mark.parametrize("points", [np.zeros((2, 4)), np.zeros(6), np.zeros((1, 2, 2)), np.zeros((2, 0, 3))[0].T], ids=np.shape)
+def test_what_is_no_list_of_pairs_is_refused(points: np.ndarray) -> None:
+    """An array of another shape is not read as pairs, even if its size is even; one without numbers has no pairs."""
+    grid = Grid(np.zeros((9, 9), dtype=bool))
+    if points.size:
+        with pytest.raises(BadParameter, match="pairs"):
+            grid.to_xy(points)
+    assert grid.to_xy([]).shape == (0, 2) and grid.to_xy((1.0, 2.0)).shape == (1, 2)

@@ -353,3 +353,11 @@ def test_bad_places():
         timed_field(timed_moves(grid, 0.3), Moves.THIRTY_TWO, (5, 0))
     with pytest.raises(BadParameter, match="mask"):
         timed_field(grid.blocked, Moves.THIRTY_TWO, (1, 1))
+
+
+def test_a_goal_in_a_cell_that_no_move_leads_from():
+    """A robot that fills a map of one cell is at its goal, within a tolerance or not."""
+    cell = Grid(np.zeros((1, 1), dtype=bool))
+    for tolerance in (0.0, 0.1):
+        there = sipp(cell, (0.5, 0.5), (0.5, 0.5), radius=0.3, v_max=1.0, goal_tolerance=tolerance)
+        assert there.status is Status.FOUND and there.arrival == 0.0

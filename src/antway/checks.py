@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from antway.errors import BadInput, BadParameter
 
 T = TypeVar("T")
-WORD = 2**63 - 1  # the largest integer that a kernel takes
+LOWEST, WORD = -(2**63), 2**63 - 1  # the least and the largest integer that a kernel takes
 
 
 def number(
@@ -70,7 +70,7 @@ def integer(
     error: type[BadInput] = BadParameter,
     where: str = "",
 ) -> int:
-    """Return `value` as an int in [low, high], by default of 64 bits; booleans, floats and strings are refused.
+    """Return `value` as an int in [low, high], by default of 64 bits with a sign; booleans, floats and strings are refused.
 
     Examples
     --------
@@ -81,9 +81,10 @@ def integer(
         result = None if isinstance(value, (bool, np.bool_)) else operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         result = None
-    if result is None or (low is not None and result < low) or result > (WORD if high is None else high):
-        huge = high is None and isinstance(value, int) and value > WORD
-        span = _range(-math.inf if low is None else low, WORD if huge else math.inf if high is None else high, False)
+    if result is None or not (LOWEST if low is None else low) <= result <= (WORD if high is None else high):
+        huge = isinstance(value, int) and not LOWEST <= value <= WORD
+        least, most = (LOWEST, WORD) if huge else (-math.inf, math.inf)
+        span = _range(least if low is None else low, most if high is None else high, False)
         raise error(field, value, f"an integer{span}", where=where)
     return result
 

@@ -34,14 +34,15 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
     """Return the numbers of an episode as JSON values: times in s and ms, lengths in m; None for missing ones.
 
     `shortest` is the length of the shortest path at any angle on the static map, in rounds through the visited stops.
-    `length_ratio` is the driven length plus the rest to the goal's centre, divided by it; None unless the goal was reached.
+    `length_ratio` is the driven length plus the rest to the goal's centre, divided by it; None unless the goal was reached, or
+    where no path leads from cell to cell.
     """
     rounds = result.rounds
     via = () if rounds is None else tuple(rounds.stops[visit.stop].at for visit in rounds.visits)
     ends = [task.start, *via, task.goal]
     shortest = math.fsum(static_shortest(replace(task, start=a, goal=b)) for a, b in pairwise(ends))
     rest = 0.0 if result.trace is None else math.dist(result.trace.xy[-1].tolist(), task.goal)
-    ratio = (result.length + rest) / shortest if result.reached and shortest > 0 else math.nan
+    ratio = (result.length + rest) / shortest if result.reached and 0 < shortest < math.inf else math.nan
     numbers: dict[str, Any] = {
         "outcome": result.outcome.value,
         "reason": result.reason,

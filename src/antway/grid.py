@@ -246,7 +246,8 @@ class Grid:
             return self if self.origin[2] == 0.0 else replace(self, origin=(*self.origin[:2], 0.0))
         (low, high), size, slack = self.bounds(), self.resolution, 1e-9
         width, height = (max(1, math.ceil(span / size - slack)) for span in (high - low).tolist())
-        here = Grid(np.zeros((height, width), np.bool_), size, (float(low[0]), float(low[1]), 0.0))
+        origin, nothing = (float(low[0]), float(low[1]), 0.0), np.zeros((height, width), np.bool_)
+        here = replace(self, blocked=nothing, origin=origin, unknown=None)
         centres = self.to_points(here.to_xy(np.argwhere(~here.blocked)))
         near = np.rint(centres).astype(np.int64)
         hidden = np.zeros_like(self.blocked) if self.unknown is None else self.unknown
@@ -304,9 +305,12 @@ def checked_cell(name: str, value: object) -> Cell:
 
 def _pairs(name: str, value: ArrayLike) -> NDArray[np.float64]:
     try:
-        return np.asarray(value, dtype=np.float64).reshape(-1, 2)
+        pairs = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise BadParameter(name, value, "pairs of numbers, float[N, 2]") from None
+        pairs = np.empty(1)
+    if pairs.size and (pairs.shape[-1:] != (2,) or pairs.ndim > 2):
+        raise BadParameter(name, value, "pairs of numbers, float[N, 2]")
+    return pairs.reshape(-1, 2)
 
 
 def _bool_array(name: str, value: ArrayLike) -> NDArray[np.bool_]:

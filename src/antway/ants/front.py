@@ -202,7 +202,7 @@ def alternatives(
 
     with colony.walkers:
         for _ in range(k):
-            tries = (new_path(2.0**cycle) for cycle in range(-2, cycles - 2) if not clock.spent())
+            tries = (new_path(2.0 ** min(cycle, 60)) for cycle in range(-2, cycles - 2) if not clock.spent())
             path = next((path for path in tries if path is not None), None)
             if path is None:
                 break

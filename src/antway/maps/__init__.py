@@ -16,8 +16,8 @@ from antway import checks
 from antway.errors import BadMap, BadParameter
 from antway.grid import Grid
 from antway.maps import image, movingai, ros, text
-from antway.maps.limits import DEFAULT, Limits, as_path
 from antway.maps.image import GreyTrapWarning
+from antway.maps.limits import DEFAULT, Limits, as_path
 from antway.maps.movingai import ScenRow, load_scen
 from antway.maps.ros import load_costs
 from antway.scenes import shipped

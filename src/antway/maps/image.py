@@ -30,7 +30,7 @@ Picture = tuple[NDArray[np.uint8], NDArray[np.bool_] | None]  # grey 0 to 255, a
 
 
 class GreyTrapWarning(UserWarning):
-    """Cells that were saved as unknown load as free, because `free_thresh` is too high; or a picture is of the greys 0 and 1."""
+    """Cells that were saved as unknown load as free, because `free_thresh` is too high, or all greys are 0 or 1 of 255."""
 
 
 def read(path: Path, limits: Limits, occupied: int = 50) -> Grid:
@@ -39,7 +39,7 @@ def read(path: Path, limits: Limits, occupied: int = 50) -> Grid:
     blocked = grey <= 255 * (100 - occupied) // 100
     if grey.max() == 1 and blocked.all():
         warnings.warn(
-            f"{path}: all pixels have grey 0 or 1 of 255, so every cell is blocked; save 0 and 255 instead, or the array as .npy",
+            f"{path}: all pixels have grey 0 or 1 of 255, so every cell is blocked; save 0 and 255, or the array as .npy",
             GreyTrapWarning,
             stacklevel=3,
         )

@@ -260,8 +260,9 @@ class Sipp:
         xy = checks.point("goal", goal)
         cells = [self.grid.cell_at(xy)]
         if tolerance > 0.0:
-            away = np.hypot(*np.moveaxis(self.grid.to_xy(np.argwhere(self.mask)) - xy, 1, 0))
-            cells = [(int(r), int(c)) for r, c in np.argwhere(self.mask)[away <= tolerance]]
+            free = np.argwhere(~self.grid.blocked)
+            away = np.hypot(*(self.grid.to_xy(free) - xy).T)
+            cells = [(int(r), int(c)) for r, c in free[away <= tolerance]]
         cells = [cell for cell in cells if self._stands(*cell)]
         if not cells:
             raise CellBlocked("goal", xy, f"where a disc of {self.radius:g} m is free of walls")
@@ -324,6 +325,7 @@ def checked_trajectories(obstacles: Trajectories) -> records.Trajectories:
         raise BadParameter("obstacles.radius", float(radius.min()), ">= 0 (m)")
     if not np.issubdtype(first.dtype, np.integer) or first.shape != (len(radius) + 1,):
         raise BadParameter("obstacles.first", first, f"int64[{len(radius) + 1}], one more than radius")
+    first = first.astype(np.int64)  # differences of unsigned numbers are never below 0
     if first[0] != 0 or first[-1] != len(knot_t) or (np.diff(first) < 1).any():
         raise BadParameter("obstacles.first", first, f"increasing from 0 to {len(knot_t)}")
     rising = np.diff(knot_t) > 0.0
@@ -332,4 +334,4 @@ def checked_trajectories(obstacles: Trajectories) -> records.Trajectories:
         raise BadParameter(
             "obstacles.knot_t", float(knot_t[np.argmin(rising) + 1]), "strictly increasing within an obstacle (s)"
         )
-    return records.Trajectories(knot_t, knot_xy, first.astype(np.int64), radius)
+    return records.Trajectories(knot_t, knot_xy, first, radius)

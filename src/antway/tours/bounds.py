@@ -57,7 +57,7 @@ def travel_bound(stops: Stops) -> float:
         # Routes with a common start form a tree; a given end is ignored.
         return _tree(np.minimum(matrix, matrix.T)) * _SAFE
     if np.array_equal(matrix, matrix.T):
-        return held_karp_bound(*closed_matrix(stops, matrix))
+        return held_karp_bound(*closed_matrix(stops, matrix)[:2])
     path = matrix.copy()
     np.fill_diagonal(path, np.inf)
     rows, columns = np.arange(n), np.arange(n)

@@ -35,7 +35,7 @@ class Route:
         Arrival at each stop, and waiting there until the window opens, s.
     legs : tuple of Plan
         The paths from the start to the first stop, from each stop to the next, and to the end if one is given; empty for a
-        robot that does not move.
+        robot without stops, unless it has an end.
     length : float
         Of all legs, m.
     duration : float

@@ -44,7 +44,7 @@ def shortest_order(
         whole = _as_order(held_karp.best_of_few(np.ascontiguousarray(away[np.ix_(first, first)]), end), stops)
         return whole, stops.travel(whole)
     closed, extra, end = closed_matrix(stops, away)
-    least = held_karp_bound(closed, extra, end, FOR_BOUND * (clock.end - clock.started))
+    least = held_karp_bound(closed, extra, FOR_BOUND * (clock.end - clock.started))
     instance = Tsp(matrix=closed, optimum=(least + extra) * (1 + 2e-9))
     known = None if initial is None else _improved(instance, np.argsort(first)[initial], end)
     left = None if clock.end == math.inf else max(0.0, clock.end - time.perf_counter())
@@ -84,7 +84,7 @@ def closed_matrix(stops: Stops, away: Floats) -> tuple[Floats, float, int]:
     return np.ascontiguousarray(closed), far if end < 0 else 0.0, end
 
 
-def held_karp_bound(closed: Floats, extra: float, end: int, seconds: float = math.inf) -> float:
+def held_karp_bound(closed: Floats, extra: float, seconds: float = math.inf) -> float:
     """Return a lower bound of tours over `closed_matrix` of 3 nodes or more, minus `extra`, weaker if `seconds` are few."""
     rounds = max(ROUNDS[0], min(ROUNDS[1], WORK // len(closed) ** 2))
     rounds = int(max(HASTY, min(rounds, PACE * seconds / len(closed) ** 2)))

@@ -87,6 +87,9 @@ def seeds_figure(histories: Mapping[str, Sequence[NDArray[np.float64]]], *, opti
     runs = {
         name: [checks.array(f"history of {name}", history, (None, 3)) for history in group] for name, group in histories.items()
     }
+    for name, group in runs.items():
+        if not all(len(run) for run in group):
+            raise BadParameter(f"history of {name}", "no rows", "one row or more for each seed")
     last = max(run[-1, 0] for group in runs.values() for run in group)
     first = max(run[0, 0] for group in runs.values() for run in group)
     made = np.geomspace(first, max(last, 2 * first), 200)

@@ -70,10 +70,11 @@ def bound(cost: Floats, tour: float, rounds: int) -> float:
     price, last, degree = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
     near, link = np.empty(n), np.empty(n, np.int64)
     best = -np.inf
-    first = one_tree(cost, price, near, link, degree)
-    step_0 = max(1e-3 * tour, 0.5 * (tour - first), 1e-12) / n
+    step_0 = 0.0
     for k in range(rounds):
         found = one_tree(cost, price, near, link, degree)
+        if k == 0:
+            step_0 = max(1e-3 * tour, 0.5 * (tour - found), 1e-12) / n
         for i in range(n):
             found -= 2.0 * price[i]
         best = max(best, found)

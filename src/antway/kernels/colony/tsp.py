@@ -130,7 +130,10 @@ def propose(weight: Weights, row_sum: Floats, near: Ids, left: Weights, i: Index
 
 @bare_kernel
 def nearest_left(cities: Cities, left: Weights, i: Index) -> tuple[Index, float]:
-    """Return the nearest city to i that is not visited yet, the one of least number among equals, and its distance."""
+    """Return the nearest city to i that is not visited yet, and its distance.
+
+    Of cities at equal distances it is the one of least number, and of those in the same place as i the next one after i.
+    """
     n = len(left)
     j, least = np.uint32(0), math.inf
     for step in range(1, n):  # from i on, so that the next one of many cities in the same place is soon found
