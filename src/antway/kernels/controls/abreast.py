@@ -18,21 +18,31 @@ from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.lookup import clearance, clearance_within, reaches, turning_loss
 from antway.kernels.controls.motion import MotionState, motion_state, step
-from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, Batch, ControlProblem, StaticField, near_at
+from antway.kernels.controls.problem import (
+    GOAL_SPEED,
+    GOAL_X,
+    GOAL_Y,
+    TOLERANCE,
+    Batch,
+    ControlProblem,
+    CostWeights,
+    StaticField,
+    near_at,
+)
 from antway.kernels.controls.rollout import is_too_dear, lost_time, obstacle_cost, stop_behind_wall
 
 BATCH = 64  # most rollouts that are stepped abreast
-ROWS = 30  # numbers of each rollout
+ROWS = 32  # numbers of each rollout
 _ROWS = tuple(BATCH * row for row in range(ROWS))
 # Rows of `Batch.value`. The first ones are kept when rollouts close up: the motion state at the end of a step, what the rollout
 # has cost, and the step from which the robot brakes because it has reached the goal.
 X, Y, COS, SIN, A, B, SPENT, BRAKES = _ROWS[:8]
-# The command of a step, the place and the heading before it, the distance to walls, and what obstacles cost in the step.
-ONE, TWO, X0, Y0, COS0, SIN0, WALL, HARM = _ROWS[8:16]
+# The command of a step, the motion state before it, the distance to walls, and what obstacles cost in the step.
+ONE, TWO, X0, Y0, COS0, SIN0, A0, B0, WALL, HARM = _ROWS[8:18]
 # The static time to go, the time lost to the turning radius, the time to go that counts, the cost with it, and what happens.
-TO_GO, TURNING, VALUE, WITH_VALUE, EVENT = _ROWS[16:21]
+TO_GO, TURNING, VALUE, WITH_VALUE, EVENT = _ROWS[18:23]
 # A bilinear interpolation: the node, where the robot is in its square, two nodes with the changes to the next, and the result.
-_LINE, _COL, _UP, _ALONG, _LOW, _LOW_CHANGE, _HIGH, _HIGH_CHANGE, SAMPLE = _ROWS[21:30]
+_LINE, _COL, _UP, _ALONG, _LOW, _LOW_CHANGE, _HIGH, _HIGH_CHANGE, SAMPLE = _ROWS[23:32]
 _NEXT = np.uint64(1)  # the step to the next node, of the type of indices
 _TOO_DEAR, _AT_GOAL, _BRAKES = 1, 2, 4  # values of EVENT, which are added up
 
@@ -54,7 +64,7 @@ def drive(value: Floats, n: int, limits: RobotLimits, dt: float) -> None:
     """Drive the first n rollouts for a period by their commands."""
     for i in range(n):
         at = rollout_state(value, i)
-        value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i] = at.x, at.y, at.cos, at.sin
+        value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], value[A0 + i], value[B0 + i] = at
         set_rollout(value, i, step(at, value[ONE + i], value[TWO + i], limits, dt))
 
 
@@ -155,6 +165,13 @@ def _wall_costs(value: Floats, n: int, decay: float, problem: ControlProblem) ->
 
 
 @inner_kernel
+def _comfort_costs(value: Floats, n: int, w: CostWeights) -> None:
+    """Add to SPENT what changes of the turn rate, or of the velocity without wheels, cost in a step."""
+    for i in range(n):
+        value[SPENT + i] += w.a_change * abs(value[A + i] - value[A0 + i]) + w.b_change * abs(value[B + i] - value[B0 + i])
+
+
+@inner_kernel
 def _time_costs(value: Floats, n: int, k: int, left: int, limit: float, problem: ControlProblem) -> int:
     """Write to VALUE, WITH_VALUE and EVENT what the time to go costs in step k and what happens; return the sum of events."""
     plan, goal, dt = problem.outlook.plan, problem.field.goal, problem.dt
@@ -251,7 +268,8 @@ def _judge_abreast(sequences: Floats, problem: ControlProblem, limit: float, cos
         left = steps - 1 - k
         _commands(sequences, k, batch, n)
         drive(value, n, limits, dt)
-        # What walls and obstacles cost in this step.
+        # What comfort, walls and obstacles cost in this step.
+        _comfort_costs(value, n, w)
         wall_distances(value, n, problem, w.wall_margin + w.wall_range)
         _wall_costs(value, n, decay, problem)
         if outlook.near[k] > 0:
