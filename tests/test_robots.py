@@ -15,9 +15,11 @@ from antway import (
     Command,
     Decision,
     Grid,
+    Observation,
     Outcome,
     RobotSpec,
     Scenario,
+    Tracks,
     World,
     check_episode,
     make_policy,
@@ -314,3 +316,18 @@ def test_every_suite_takes_another_robot() -> None:
         assert build(episode).robot.radius > 0.6
     with pytest.raises(BadParameter, match="room"):
         build(episodes("paper", 1, "amr")[0])
+
+
+def test_no_robot_turns_without_a_limit() -> None:
+    """The guard would look infinitely far ahead for it."""
+    with pytest.raises(BadParameter, match=r"robot\.turn_rate"):
+        RobotSpec(drive="differential", turn_rate=math.inf)
+    assert RobotSpec(drive="differential", turn_rate=1e6).turn_rate == 1e6
+
+
+def test_only_commands_that_do_not_act_yet_are_foreseen() -> None:
+    """Whoever hands over more of the last commands than the latency takes is told the same."""
+    robot = RobotSpec(drive="differential", latency=0.1, dt=0.1)
+    sent = np.array([(1.0, 0.0), (0.7, 0.2), (0.3, 0.0), (1.0, 0.0)])
+    seen = Observation(0.0, (0.0, 0.0), (1.0, 0.0), 0.0, Tracks.none(), pending=sent[-1:])
+    assert replace(seen, pending=sent).state_at_action(robot) == seen.state_at_action(robot)

@@ -28,7 +28,7 @@ from antway.ros2 import convert, nav2, tours
 from antway.ros2.frames import Odometry
 from antway.ros2.goals import ERROR, OK, STAND, WARN, End, Goal, PilotAnswer
 from antway.ros2.markers import decision_message, predictions, predictions_message
-from antway.ros2.path import corridor, keeps_near, tracking
+from antway.ros2.path import around, corridor, keeps_near, tracking
 from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
 from antway.ros2.settings import Settings, parameters, refused
 from antway.ros2.tours import TourGoal, find_tour
@@ -244,6 +244,22 @@ def test_converters_are_found_by_name():
             settings(**kind, obstacles_converter=hook)
     with pytest.raises(BadParameter, match="obstacles_type"):
         settings(**kind)
+
+
+def nowhere(_: object) -> tuple[float, Tracks]:
+    return 1.0, Tracks([1, 2], [[1.0, 1.0], [math.nan, 1.0]], np.full((2, 2), math.nan), [0.3, 0.3])
+
+
+def longer(_: object) -> tuple[float, Tracks]:
+    return 1.0, Tracks([1], [[1.0, 1.0], [2.0, 1.0]], np.zeros((2, 2)), [0.3, 0.3])
+
+
+@pytest.mark.parametrize("name", ["nowhere", "longer"])
+def test_what_converters_return_is_checked(name: str) -> None:
+    """A place that is none would spoil the track for as long as it is seen, so the whole message is refused."""
+    read = settings(obstacles_type="geometry_msgs/msg/PolygonStamped", obstacles_converter=f"test_ros_pilot:{name}").reader
+    with pytest.raises(BadParameter, match="tracks"):
+        read(None)
 
 
 # The pilot
@@ -683,6 +699,17 @@ def test_why_sensors_are_refused_is_told_once_that_matters() -> None:
     assert "silent" in drive.step(None).reason and "no odometry" in drive.pilot.silent(9.1, 9.1).reason
 
 
+def test_a_path_beyond_any_map_may_be_sent_twice() -> None:
+    """Nav2 sends a path again and again; before the robot has refused one that no map holds, another may come."""
+    drive, far = ready(), np.array([[2.0, 2.0], [3.0e7, 2.0], [10.0, 2.0]])
+    for _ in range(3):
+        assert drive.pilot.go(Goal((10.0, 2.0), far.copy(), gives_up=True)).end is End.REPLACED
+
+
+def test_a_sensor_that_sees_all_around_is_no_reason_to_look_farther_than_the_map() -> None:
+    assert around(ROOM, (3.0, 3.0), math.inf) == around(ROOM, (3.0, 3.0), 1e30) == ROOM
+
+
 def test_paths_that_lead_to_the_moon_are_refused() -> None:
     """A path of a billion metres ends the goal like any other from which the robot cannot set out; it takes no memory."""
     path = np.array([[2.0, 2.0], [1e9, 2.0], [10.0, 2.0]])
@@ -907,6 +934,15 @@ def test_a_robot_that_cannot_turn_to_the_yaw_says_so_and_gives_up() -> None:
         assert answers[-1].end is (End.STUCK if gives_up else None)
 
 
+def test_a_robot_beside_the_map_says_that_it_cannot_turn_there() -> None:
+    pilot = Pilot(settings(**{"robot.name": "diff", "robot.drive": "", "yaw_tolerance": 0.1}))
+    pilot.receive_map(ROOM)
+    pilot.go(Goal((-0.1, 2.0), yaw=1.5))
+    pilot.scan = 0.1, NOBODY
+    answer = pilot.receive_odometry(Odometry(0.1, (-0.05, 2.0), (0.0, 0.0), 0.0), 0.1)
+    assert answer.level == ERROR and "cannot turn" in answer.reason and not answer.drives
+
+
 def test_a_new_map_or_clock_counts_for_the_turn_to_the_yaw() -> None:
     """The guard of the turn knows the walls of a map that came during the turn, and obeys a clock that went back."""
     room, narrow = np.zeros((40, 120), bool), np.ones((40, 120), bool)
@@ -1051,6 +1087,33 @@ def test_a_stop_that_turns_is_driven_to_its_end(monkeypatch) -> None:
         assert {one.reason for one in answers} == {"on request"}
         after = drive.step()
         assert after.drives if way == "a new goal" else after is None
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_a_stop_with_a_bend_is_driven_without_wheels(yaw: float) -> None:
+    """A robot without wheels is sent the velocities of the guard's stop, in the frame of a map that may be turned."""
+    drive = Drive(**{"robot.name": "inertia", "robot.drive": ""})
+    pilot = drive.pilot
+    pilot.receive_map(replace(ROOM, origin=(0.0, 0.0, yaw)))
+    pilot.go(Goal((8.0, 6.0)))
+    until(drive, lambda answer: answer.drives)
+    pilot.guard.dynamic.keep[:3] = 0.5, 0.0, 2.0
+    pilot.drop("on request")
+    answers = [drive.step() for _ in range(3)]
+    for answer in answers[:2]:
+        assert answer.command.velocity == pytest.approx((0.5 * math.cos(yaw), 0.5 * math.sin(yaw)))
+        assert convert.twist_message(answer.command, (0.0, 0.0), yaw, pilot.settings.robot).linear.x == pytest.approx(0.5)
+    assert answers[2].command is STAND
+
+
+def test_odometry_a_little_faster_than_the_period_is_answered_in_time() -> None:
+    """After each message the next one is due a period later, however many came a little early before."""
+    drive = ready()
+    for k in range(200):
+        assert drive.step(dt=0.095, passed=0.095) is not None
+        assert k < 5 or drive.pilot.due <= drive.t + 0.1 + 1e-9
+    drive.pilot.drop("on request")
+    assert sum(drive.step(dt=0.05, passed=0.05) is not None for _ in range(8)) <= 4
 
 
 # The guard's process

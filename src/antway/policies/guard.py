@@ -259,7 +259,7 @@ class _Dynamic:
     def __init__(self, task: Task, grid: Grid, mode: str, before: _Dynamic | None) -> None:
         robot = self.robot = task.robot
         self.strict, self.swerve = mode == "strict", assumed_swerve(task, mode)
-        self.late = math.ceil(robot.latency / robot.dt - 1e-9)  # number of commands that do not act yet
+        self.late = robot.late_commands
         self.rows, near, self.keep = np.empty((_TRACKS, COLUMNS)), np.empty((_TRACKS, COLUMNS)), np.array([0.0, 0.0, 0.0, -1.0])
         self.record = Robot(robot.limits, body_of(robot), walls_of(grid), robot.dt, _MARGIN, self.strict, near, self.keep)
         # The kernel is loaded now, because to load it in the first cycle would delay that.

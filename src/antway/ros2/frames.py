@@ -124,7 +124,8 @@ def move_decision(a: Pose, decision: Decision) -> Decision:
 def level(grid: Grid) -> tuple[Grid, Pose]:
     """Return `grid` in a frame in which its yaw is 0, and the pose of that frame in the map's (a turn about its origin).
 
-    Where the map is too far away for an episode, the frame is near it, and stays there while the map grows.
+    Where the map is too far away for an episode, the frame is at the multiple of 100 km that is nearest to the map's corner, so
+    that it seldom moves while the map grows.
 
     Examples
     --------

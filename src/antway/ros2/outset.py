@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from antway.errors import BadInput
+from antway.errors import BadInput, BadParameter
 from antway.grid import Grid
 from antway.planning import standing_cell
 from antway.policies.antway.policy import AntwayPolicy
@@ -56,4 +56,7 @@ def same_path(before: Goal, goal: Goal, level: tuple[Grid, Pose], width: float) 
     if math.dist(before.xy, goal.xy) > grid.resolution:
         return False
     path, other = (frames.move(frames.inverse(frame), path) for path in (before.path, goal.path))
-    return keeps_near(grid, path, other, width / 2)
+    try:
+        return keeps_near(grid, path, other, width / 2)
+    except BadParameter:  # the path before is too long for any map, which is refused when the robot is to set out
+        return False

@@ -50,7 +50,7 @@ def around(grid: Grid, xy: XY, away: float) -> Grid | None:
 
 def _window(grid: Grid, cells: NDArray[np.int64], pad: float) -> tuple[Grid, NDArray[np.int64]]:
     """Return the smallest part of `grid` that holds what is on it of `cells` and `pad` m around them, and its first cell."""
-    more, last = math.ceil(pad / grid.resolution), np.array(grid.shape) - 1
+    more, last = math.ceil(min(pad / grid.resolution, max(grid.shape))), np.array(grid.shape) - 1
     low, high = np.clip(cells.min(axis=0) - more, 0, last), np.clip(cells.max(axis=0) + more, 0, last)
     part = slice(low[0], high[0] + 1), slice(low[1], high[1] + 1)
     unknown = None if grid.unknown is None else grid.unknown[part]

@@ -55,7 +55,7 @@ class Pilot:
         self.odometry: Odometry | None = None
         self.faults: dict[str, tuple[float, str]] = {}  # when odometry or obstacles were last refused (steady, s), and why
         robot = settings.robot
-        self.sent = np.zeros((math.ceil(robot.latency / robot.dt - 1e-9), 2))  # commands that do not act yet
+        self.sent = np.zeros((robot.late_commands, 2))  # commands that do not act yet
         self.policy: AntwayPolicy | None = None
         self.bound_for: Goal | None = None  # the goal that the policy drives to: not yet a new one
         self.planning: tuple[Grid, Goal, Beside[AntwayPolicy | BadInput]] | None = None  # for a map and a goal
@@ -192,11 +192,10 @@ class Pilot:
         if odometry.t < self.due - dt / 4 and not every:
             return None
         self.missed = 0
-        self.due = (self.due if odometry.t - self.due < dt else odometry.t) + dt
+        self.due = (odometry.t if every or odometry.t - self.due >= dt else self.due) + dt
         self.answered = now
         if self.goal is None or self._stopping:
-            stood = self.guard is None
-            answer = self.brake()
+            stood, answer = self.guard is None, self.brake()
             return None if stood else answer
         if (period := self.period()) > SLOW * dt:
             reason = f"odometry comes each {period:.2f} s: commands are certified for robot.dt, {dt:g} s, and no longer"
@@ -229,14 +228,15 @@ class Pilot:
         """Answer with the next command of the guard's stop, once in a control period; the last one is STAND."""
         guard, o, acts = self.guard, self.odometry, STAND.velocity
         if guard is not None and o is not None:
-            seen = Observation(o.t, o.xy, o.velocity, o.heading, Tracks.none())
+            at = frames.move_odometry(frames.inverse(self.frame), o)
+            seen = Observation(at.t, at.xy, at.velocity, at.heading, Tracks.none())
             if isinstance(guard, GuardProcess):
                 self.number = guard.observe(seen)
                 acts = guard.limit(self.number, None).command.acts(seen, self.settings.robot)
             else:
                 acts = guard.limit(seen, None).acts(seen, guard.task.robot)
         self._send(acts)
-        self.command = Command(twist=acts)
+        self.command = Command(twist=acts) if self.settings.robot.wheels else Command(frames.turn(self.frame[2], acts))
         if not any(acts):
             self.command, self.guard = STAND, None
         return self._hold(*self.why)
@@ -368,8 +368,8 @@ class Pilot:
         if self.turner is None:
             self.progress = (t, odometry.xy)
             there = frames.move_point(frames.inverse(self.frame), goal.xy)
-            task = Task(self.grid, settings.robot, seen.xy, there, **settings.task)
             try:
+                task = Task(self.grid, settings.robot, seen.xy, there, **settings.task)
                 if self.guard_process is not None:
                     self.guard_process.reset(task)
             except BadInput as wrong:

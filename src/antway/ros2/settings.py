@@ -19,9 +19,10 @@ from antway.errors import BadInput, BadParameter
 from antway.grid import Grid, Moves
 from antway.limits import MAX_PLACE, MAX_SPEED
 from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.guard import check_observation
 from antway.ros2 import convert
 from antway.tables import PLANNERS, ROBOTS, names
-from antway.world.policy import RobotSpec, Task, Tracks
+from antway.world.policy import Observation, RobotSpec, Task, Tracks
 from antway.world.robots import DRIVES, load_robot
 
 LASER = "sensor_msgs/msg/LaserScan"
@@ -202,7 +203,8 @@ def _reader(kind: str, hook: str, radius: float) -> Callable[[Any], Any] | None:
             raise
         except Exception as error:  # whatever the function raises; the robot stands, and the node says why
             raise BadParameter("obstacles_converter", hook, f"able to read each message ({error!r})") from None
-        return checks.number("t", t, where=hook), checks.instance("tracks", tracks, Tracks)
+        seen = Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, checks.instance("tracks", tracks, Tracks))
+        return check_observation(seen).t, tracks
 
     return read
 

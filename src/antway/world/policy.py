@@ -108,7 +108,7 @@ class Tracks:
     xy, velocity : float64[K, 2]
         m, m/s.
     radius : float64[K]
-        m, > 0.
+        m, >= 0.
     covariance : float64[K, 4, 4] or None
         Covariance of (x, y, vx, vy), if the sensor is noisy.
 
@@ -217,7 +217,7 @@ class Observation:
     tracks: Tracks
     stamp: float = math.nan  # s; NaN: sensed now; at most 0.05 s later than t, else the robot brakes
     turn_rate: float = 0.0  # rad/s
-    pending: NDArray[np.float64] | None = None  # float64[M, 2]; commands that do not act yet, oldest first; None: not told
+    pending: NDArray[np.float64] | None = None  # float64[ceil(latency / dt), 2]; commands that do not act yet; None: not told
 
     def __post_init__(self) -> None:
         for name in ("t", "heading", "stamp", "turn_rate"):
@@ -248,7 +248,7 @@ class Observation:
         state = RobotState(float(self.xy[0]), float(self.xy[1]), float(self.heading), float(one), float(two))
         if robot.latency == 0.0 or self.pending is None:
             return state
-        then = delayed(state, self.pending, robot.limits, robot.dt)
+        then = delayed(state, self.pending[-robot.late_commands :], robot.limits, robot.dt)
         return then if robot.wheels or robot.footprint is None else then._replace(theta=state.theta)
 
 

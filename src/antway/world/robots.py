@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario
 from antway.kernels.base.records import RobotLimits
-from antway.limits import MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_PERIOD
+from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_PERIOD
 from antway.reading import read_toml_file
 
 DRIVES = ("holonomic", "differential", "ackermann")  # in the order of kernels/base/records.py
@@ -94,7 +94,8 @@ class RobotSpec:
         checked("radius", "m", low=0.0, high=MAX_PLACE, open_low=True)
         checked("v_max", "m/s", low=0.0, high=MAX_SPEED, open_low=True)
         checked("dt", "s", low=MIN_PERIOD, high=MAX_TIME)
-        for name, unit in (("a_max", "m/s^2"), ("sensor_range", "m"), ("turn_rate", "rad/s"), ("alpha_max", "rad/s^2")):
+        checked("turn_rate", "rad/s", low=0.0, high=MAX_ANGLE, open_low=True)
+        for name, unit in (("a_max", "m/s^2"), ("sensor_range", "m"), ("alpha_max", "rad/s^2")):
             checked(name, unit, low=0.0, open_low=True, infinite=True)
         checks.choice("robot.drive", self.drive, DRIVES)
         checks.choice("robot.dynamics", self.dynamics, DYNAMICS)
@@ -128,6 +129,11 @@ class RobotSpec:
         """
         at_once = math.isinf(self.a_max) and math.isinf(self.braking) and self.latency == 0.0
         return self.dynamics == "steps" or (not self.wheels and self.footprint is None and at_once)
+
+    @property
+    def late_commands(self) -> int:
+        """Number of the last commands that do not act yet."""
+        return math.ceil(self.latency / self.dt - 1e-9)
 
     @property
     def braking(self) -> float:

@@ -53,7 +53,7 @@ class Stage:
         if self.stepwise:
             self.terrain = terrain_of(task.grid)
         else:
-            self.late = math.ceil(spec.latency / spec.dt - 1e-9)
+            self.late = spec.late_commands
             self.body, self.walls = body_of(spec), walls_of(task.grid)
 
     def _check_start(self) -> None:
