@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from antway.arena.engines import Job, bench, table_jobs
+from antway.arena.engines import Job, bench, local, table_jobs
 from antway.arena.store import Results, Row
 from antway.arena.suites import episodes
 from antway.arena.summary import paired, ranked, sections
@@ -78,6 +78,14 @@ class Raises(Follow):
 
     def act(self, observation):
         raise RuntimeError("no idea")
+
+
+class Tarries(Follow):
+    """Takes its time before it begins."""
+
+    def reset(self, task, seed):
+        time.sleep(1.5)
+        super().reset(task, seed)
 
 
 def same(file):
@@ -383,3 +391,13 @@ def test_ctrl_c_while_workers_start_counts():
             os.kill(os.getpid(), signal.SIGINT)
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_an_answer_that_came_while_others_were_written_counts() -> None:
+    """Rows may be written slowly, for instance while another run has locked the file."""
+    (one,) = episodes("synthetic", 1)[:1]
+    given_up = []
+    for row, _ in local(iter([Job(one, "follow"), Job(one, "test_bench:Tarries")]), 2, 6.0):
+        given_up.append("given up" in row.reason)
+        time.sleep(6.5 if len(given_up) == 1 else 0.0)
+    assert given_up == [False, False]

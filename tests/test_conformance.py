@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from antway import Command, load_scenario, run
+from antway import Command, Observation, load_scenario, run, solve
 from antway.baselines.replan import Follow
 from antway.conformance import check_planner, check_policy
 from antway.errors import BadParameter, InvalidPlan
-from antway.planning import PLANNERS, Plan, Status, find
+from antway.planning import PLANNERS, Budget, Plan, Status, find
 from antway.tables import SHIPPED_SCENES
 from antway.world.policy import POLICIES, make_policy
 
@@ -137,3 +137,23 @@ def test_a_planner_that_lies_is_caught():
         check_planner(lambda problem, *, seed, budget: None)
     with pytest.raises(InvalidPlan, match="cannot be called as planner"):
         check_planner(lambda problem: None)
+
+
+def test_what_raises_or_is_no_command_is_told_as_a_fault() -> None:
+    """A planner or policy of a third party that breaks the rules never ends the check by an error of its own."""
+
+    def planner(problem, *, seed=0, budget=Budget()):
+        if problem.start == problem.goal:
+            raise ValueError("start is goal")
+        return solve(problem, "jps")
+
+    with pytest.raises(InvalidPlan, match="it raises ValueError: start is goal"):
+        check_planner(planner)
+    for wrong in ((0.0, 0.0), Command(("a", 0.0))):  # type: ignore[arg-type]
+
+        class Odd(Follow):
+            def act(self, observation: Observation, wrong: object = wrong) -> Command:
+                return Command((0.0, 0.0)) if observation.stamp != -math.inf else wrong  # type: ignore[return-value]
+
+        with pytest.raises(InvalidPlan, match="no scan yet: BadParameter: command"):
+            check_policy(Odd)

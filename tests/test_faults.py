@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from antway import Grid, Outcome, RobotSpec, Scenario, World, check_episode, make_policy, run
+from antway.planning import TimedPath
 from antway.policies.guard import Guarded
 from antway.world.motions import BackAndForth, Line
-from antway.world.policy import Command, Observation, Task, Tracks
+from antway.world.policy import Command, Decision, Observation, Task, Tracks
+from antway.world.trace import Trace
 from antway.world.world import Obstacle
 from common import cases
 
@@ -159,3 +162,35 @@ def test_a_scan_of_never_after_others_is_the_last_one(robot: RobotSpec, named: b
             command = policy.act(seen)
             speed = math.hypot(*(command.twist or command.velocity))
             assert math.isfinite(speed) and (speed == 0.0 or k < 31), "after half a second the sensor counts as silent"
+
+
+ODD = {
+    "local_target": (math.nan, 1.0),
+    "pheromone": (0, 0, np.zeros((3, 3))),
+    "predicted": np.zeros((2, 7)),
+    "history": np.zeros((2, 3)),
+    "encounter": None,
+    "guard": None,
+    "gap": None,
+    "path": TimedPath(np.arange(2.0), np.array([[math.nan, 0.0], [1.0, 1.0]])),
+}
+
+
+@pytest.mark.parametrize("field", ODD)
+def test_a_decision_that_no_file_can_hold_ends_the_episode(field: str, tmp_path: Path) -> None:
+    """Else the trace would be written, and could not be read."""
+
+    class Odd:
+        def reset(self, task: Task, seed: int) -> None: ...
+
+        def act(self, observation: Observation) -> Command:
+            return Command((0.5, 0.0))
+
+        def explain(self) -> Decision:
+            return Decision("follow", "straight ahead", **{field: ODD[field]})
+
+    empty = Scenario(World(Grid(np.zeros((20, 40), dtype=bool), 0.2)), (1.0, 2.0), (7.0, 2.0), horizon=1.0)
+    result = run(empty, Odd())
+    assert result.outcome is Outcome.ERROR and f"decision.{field}" in result.reason
+    result.trace.save(tmp_path / "trace.json")
+    assert len(Trace.load(tmp_path / "trace.json")) == len(result.trace)

@@ -20,6 +20,7 @@ from antway.world.order_planner import MANY, nearest_cell
 from antway.world.policy import Tracks, make_policy
 from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import save_scenario
+from antway.world.sensor import Sensor
 from antway.world.standing import Sighting, StandingObstacles
 from antway.world.stops import Rounds, Stop, Turn, Visit
 from antway.world.trace import Trace
@@ -391,3 +392,37 @@ def test_wrong_stops_of_the_policy_are_refused() -> None:
         RoundsPolicy(make_policy("antway"), [1])
     with pytest.raises(BadInput, match="policy"):
         RoundsPolicy("antway", [])
+
+
+def test_a_stop_in_a_wall_is_refused_and_changes_nothing() -> None:
+    episode = Episode(hall(stops=FOUR[2:]), "follow", seed=1)
+    episode.step()
+    before = list(episode.policy.stops), list(episode.policy.remaining)
+    for wrong in ((6.1, 3.0), FOUR[2].at):  # in the wall, and where there is a stop already
+        with pytest.raises(BadInput, match=r"stops\[2\] \(in vain\)"):
+            episode.policy.add(Stop(wrong, "in vain"))
+    assert (episode.policy.stops, episode.policy.remaining) == before
+
+
+def test_the_oracle_visits_stops() -> None:
+    """It plans from the time at which it departs from a stop, at which obstacles are elsewhere than at 0 s."""
+    result = run(hall(stops=FOUR[2:], obstacles=(Obstacle(0.3, Line((11.0, 0.6), (1.0, 0.6), 0.4)),)), "oracle")
+    assert result.reached and len(result.rounds.visits) == 2
+
+
+def test_an_explanation_tells_when_the_robot_arrives_and_serves() -> None:
+    """Also where the policy has no other reason than before."""
+    stop = Stop((4.0, 1.0), "A", window=(6.0, 100.0), service=2.0)
+    result = run(hall(stops=(stop,)), "follow")
+    told = [decision.reason.partition(";")[0] for _, decision in result.trace.decisions]
+    assert told[0].startswith("to A: ") and told[1:3] == ["waits at A until 6 s", "at A"]
+    assert [decision.action for _, decision in result.trace.decisions] == ["follow", "arrived", "arrived", "follow"]
+
+
+def test_somebody_seen_once_long_ago_does_not_stand() -> None:
+    """With a scan each 4.5 s, one scan does not tell for 3 s that somebody stands, so the order stays."""
+    walker = Obstacle(0.5, Line((12.0, 4.0), (1.0, 7.0), 1.0))
+    world = World(Grid(np.zeros((40, 100), dtype=bool), 0.2), (walker,))
+    stops, robot = (Stop((17.0, 4.0), "a"), Stop((12.05, 4.05), "b")), RobotSpec(sensor_range=30.0)
+    hall = Scenario(world, (1.0, 4.0), (19.0, 4.0), robot, Sensor(period=4.5), horizon=6.0, stops=stops)
+    assert len(run(hall, "follow").rounds.turns) == 1

@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from antway import BadParameter, Grid, RobotSpec, Task
+from antway import BadParameter, Grid, RobotSpec, Scenario, Task, World
+from antway.world.motions import Line
 from antway.world.sensor import Scanner, Sensor
 from antway.world.timeline import Timeline
+from antway.world.world import Obstacle
 from common import cases
 from naive.world import visible
 
@@ -107,3 +109,16 @@ def test_wrong_sensors_are_refused(wrong: dict) -> None:
     """Each wrong parameter raises an error that names it."""
     with pytest.raises(BadParameter, match=next(iter(wrong))):
         Sensor(**wrong)
+
+
+@pytest.mark.parametrize("period", [0.5, 1.0, 1.2, 3.0])
+def test_velocities_are_estimated_by_slow_sensors_too(period: float) -> None:
+    """A filter goes on from one scan to the next, however far apart they are."""
+    walker = Obstacle(0.3, Line((2.0, 4.0), (18.0, 4.0), 1.0))
+    grid = Grid(np.zeros((40, 100), dtype=bool), 0.2)
+    sensor = Sensor(period=period, velocity="estimated")
+    hall = Scenario(World(grid, (walker,)), (1.0, 1.0), (19.0, 7.0), RobotSpec(sensor_range=30.0), sensor)
+    scanner = Scanner(sensor, hall.task, hall.world.timeline(0, 30.0), 0)
+    for k in range(121):
+        scan = scanner.observe(0.1 * k, 1.0, 1.0)
+    assert scan.tracks.velocity[0].tolist() == pytest.approx([1.0, 0.0], abs=0.01)

@@ -5,12 +5,27 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from antway import BadParameter, Grid, InvalidPlan, Problem, RobotSpec, Status, check_motion, load_map, plan, smooth, solve
+from antway import (
+    BadParameter,
+    Grid,
+    InvalidPlan,
+    Plan,
+    Problem,
+    RobotSpec,
+    Status,
+    check_motion,
+    check_plan,
+    load_map,
+    plan,
+    smooth,
+    solve,
+)
 from antway.cli import app
 from antway.kernels.trajectory import smooth as kernels
 from antway.trajectory.motion import Motion
@@ -370,3 +385,18 @@ def test_wrong_input_raises() -> None:
             smooth(path, DIFF, **wrong)
     with pytest.raises(BadParameter, match="grid"):
         smooth(replace(path, grid=None), DIFF)
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential"])
+def test_a_path_that_comes_back_to_a_vertex_is_smoothed(drive: str) -> None:
+    """Out and back, a round, and the figure of an eight are legal plans."""
+    grid, robot = Grid(np.zeros((20, 40), dtype=bool), 0.25), RobotSpec(drive=drive, a_max=1.0, alpha_max=3.0)
+    out, across, corner = (10, 5), (10, 20), (15, 20)
+    eight = [out, across, (15, 25), (10, 30), (5, 25), across, (10, 10)]
+    for vertices in ([out, across, out], [out, across, corner, (15, 5), out], eight):
+        legs = [np.linspace(a, b, max(abs(np.subtract(a, b))) + 1)[1:] for a, b in pairwise(vertices)]
+        cells = np.vstack((vertices[:1], *legs)).astype(np.int32)
+        loop = Plan(Status.FOUND, cells, float(np.hypot(*np.diff(cells, axis=0).T).sum()) * grid.resolution)
+        check_plan(Problem(grid, vertices[0], vertices[-1]), loop)
+        found = smooth(loop, robot, grid=grid, trials=5)
+        check_motion(grid, robot, found.motion)

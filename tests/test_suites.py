@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -279,3 +280,16 @@ def test_shipped_maps_of_robots(file):
     """A map_server file of a real robot makes a suite whose episodes have a way; 3 x 4 m are enough."""
     _, known = stage(episodes(f"maps:{SHARED / 'ros_maps' / file}", 1)[0])
     assert math.isfinite(known.bound)
+
+
+def test_a_recording_that_has_changed_is_read_again(tmp_path: Path) -> None:
+    """The name of its suite tells what it holds, so no episode of the new name is played in the old world."""
+    file, speeds = tmp_path / "people.csv", []
+    for speed in (1.0, 1.6):
+        t = 0.4 * np.arange(40)
+        rows = [np.column_stack((t, np.full(40, i), 1.0 + speed * t, np.full(40, 2.0 + i))) for i in range(6)]
+        np.savetxt(file, np.vstack(rows), delimiter=",")
+        scenario = build(episodes(f"tracks:{file}", 1)[0])
+        moves = [np.hypot(*np.diff(one.motion.arrays[1], axis=0).T) / 0.4 for one in scenario.world.obstacles]
+        speeds.append(float(np.median(moves[0])))
+    assert speeds == pytest.approx([1.0, 1.6])

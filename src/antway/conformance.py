@@ -20,9 +20,9 @@ from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid
 from antway.planning import Budget, Plan, Planner, Problem, Status
 from antway.verify import check_plan
-from antway.world.episode import run
+from antway.world.episode import checked_command, run
 from antway.world.motions import Bounce, Line
-from antway.world.policy import Command, Decision, Foresees, Observation, Policy, RobotSpec, Task, Tracks
+from antway.world.policy import Decision, Foresees, Observation, Policy, RobotSpec, Task, Tracks
 from antway.world.scenario import Scenario
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
@@ -120,7 +120,10 @@ def check_planner(planner: Planner) -> None:
 
 def _answer(planner: Planner, problem: Problem, *, seed: int = 5, seconds: float | None = None) -> Plan:
     """Return the answer of a planner."""
-    plan: object = planner(problem, seed=seed, budget=Budget(seconds=seconds))
+    try:
+        plan: object = planner(problem, seed=seed, budget=Budget(seconds=seconds))
+    except Exception as error:  # any exception of a third party is reported
+        raise InvalidPlan([f"it raises {type(error).__name__}: {error}"]) from error
     if not isinstance(plan, Plan):
         raise InvalidPlan([f"it returns {plan!r:.60}, not a Plan"])
     return plan
@@ -170,7 +173,7 @@ def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
             policy.foresee(_scenario().world.timeline(0, 20.0))
         try:
             policy.reset(task, 0)
-            command: Command | None = policy.act(observation)
+            command = checked_command(policy.act(observation))
             decision = policy.explain()
         except Exception as error:  # any exception of a third party is reported
             faults.append(f"{name}: {type(error).__name__}: {error}")

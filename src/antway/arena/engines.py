@@ -161,7 +161,7 @@ def local(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]
             ready = wait([worker.pipe for worker in busy], max(first - time.monotonic(), 0.0))
             for worker in list(busy):
                 answer = None
-                if worker.pipe in ready:
+                if worker.pipe in ready or worker.pipe.poll():  # an answer may have come while others were written
                     answer = worker.collect()
                 elif time.monotonic() >= worker.deadline:
                     answer = worker.job.abandoned(timeout)

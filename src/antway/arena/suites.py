@@ -158,7 +158,10 @@ def episodes(spec: str, count: int | None = None, robot: str = "") -> list[Suite
     return [SuiteEpisode(spec, name, group, number, robot) for number in range(count) for group in suite.groups]
 
 
-_suite = lru_cache(maxsize=4)(load_suite)
+@lru_cache(maxsize=4)
+def _suite(spec: str, name: str) -> Suite:
+    """Return the suite that `spec` names; it is read again if its file has changed since, and so its name."""
+    return load_suite(spec)
 
 
 def robot_name(robot: str) -> str:
@@ -177,7 +180,7 @@ def build(episode: SuiteEpisode) -> Scenario:
     BadParameter
         If there is none among a hundred.
     """
-    make = _suite(episode.spec).make
+    make = _suite(episode.spec, episode.suite.partition(_ON)[0]).make
     scenario = make(episode.group, Chance(episode.seed))
     if not episode.robot:
         return scenario

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from antway.baselines.replan import STOP, drive
+from antway.baselines.replan import drive
 from antway.kernels.base.records import Trajectories
 from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
@@ -36,15 +36,20 @@ class Oracle:
         self.timeline = timeline
 
     def reset(self, task: Task, seed: int) -> None:
-        """Plan the whole path."""
-        self.task, robot = task, task.robot
+        """Plan the whole path, from 0 s on."""
+        self.task, self.is_first = task, True
+        self._plan(0.0)
+
+    def _plan(self, t: float) -> None:
+        """Plan the whole path from `t` s on."""
+        task, robot = self.task, self.task.robot
         self.path = TimedPath(np.empty(0), np.empty((0, 2)))
         self.decision = Decision("stuck", "no path reaches the goal among the known motions")
         search = Sipp(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)
         for share in MARGINS:
             wide = self.timeline.radius + share * robot.v_max * robot.dt / 2
-            plan = search.plan(task.start, replace(self.timeline, radius=wide))
-            if math.isfinite(plan.arrival) and self._touches_nothing(plan.path):
+            plan = search.plan(task.start, replace(self.timeline, radius=wide), t=t)
+            if math.isfinite(plan.arrival) and self._touches_nothing(plan.path, t):
                 self.path = plan.path
                 self.decision = Decision(
                     "follow", "the path that arrives first among the known motions", path=plan.path, gap=0.0
@@ -53,20 +58,23 @@ class Oracle:
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
-        return drive(self.task, observation, self.path) if len(self.path.t) else STOP
+        if self.is_first and observation.t > 0.0:  # as on the way to the next of several stops
+            self._plan(observation.t)
+        self.is_first = False
+        return drive(self.task, observation, self.path)
 
     def explain(self) -> Decision:
         """Return the plan."""
         return self.decision
 
-    def _touches_nothing(self, path: TimedPath) -> bool:
-        """Tell whether driving the path touches no obstacle and no wall."""
+    def _touches_nothing(self, path: TimedPath, start: float) -> bool:
+        """Tell whether driving the path from `start` s on touches no obstacle and no wall."""
         task, line, dt = self.task, self.timeline, self.task.robot.dt
-        t, xy, at = [0.0], [task.start], task.start
+        t, xy, at = [start], [task.start], task.start
         while math.dist(at, task.goal) > task.goal_tolerance - GRAZE and t[-1] < path.t[-1] + 1.0:
             velocity = drive(task, Observation(t[-1], at, (0.0, 0.0), 0.0, Tracks.none()), path).velocity
             at = at[0] + velocity[0] * dt, at[1] + velocity[1] * dt
-            t.append(len(t) * dt)
+            t.append(start + len(t) * dt)
             xy.append(at)
         discs = Trajectories(line.knot_t, line.knot_xy, line.first, line.radius + GRAZE)
         contact = first_contact(np.array(t), np.array(xy), task.robot.radius, terrain_of(task.grid), discs)

@@ -102,7 +102,10 @@ def straight_legs(points: NDArray[np.float64], grid: Grid, robot: RobotSpec) -> 
         best.append(math.inf)
         before.append(-1)
         for i in range(j - 1, max(j - 1 - _AHEAD, -1), -1):
-            time = best[i] + _trapezoid(math.dist(xy[i], xy[j]), limits.v_max, limits.a_max, limits.brake_max)[-1][0]
+            away = math.dist(xy[i], xy[j])
+            if away == 0.0:  # the path comes back to a vertex
+                continue
+            time = best[i] + _trapezoid(away, limits.v_max, limits.a_max, limits.brake_max)[-1][0]
             if time < best[j] and clear(i, j):
                 best[j], before[j] = time, i
     if best[-1] == math.inf:

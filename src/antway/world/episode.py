@@ -248,7 +248,7 @@ class Episode:
             command = self.policy.act(observation)
         finally:
             self.stage.cycle_ms[self.stage.n] = taken()
-        return _checked_command(command)
+        return checked_command(command)
 
     def _planned(self) -> TimedPath | None:
         """Return the planned motion, and record the explanation, if one is needed."""
@@ -288,7 +288,7 @@ class Episode:
         )
 
 
-def _checked_command(command: object) -> Command | None:
+def checked_command(command: object) -> Command | None:
     """Return a policy's command, if it is one or None. None, and numbers that are not finite, mean that the robot brakes."""
     if command is None:
         return None
@@ -303,15 +303,33 @@ def _checked_command(command: object) -> Command | None:
 def _checked(decision: object) -> Decision:
     """Return a policy's decision, if files and tables can hold it."""
     known = checks.instance("decision", decision, Decision)
-    checks.instance("decision.action", known.action, str)
-    checks.instance("decision.reason", known.reason, str)
+    for name in ("action", "reason", "encounter", "guard"):
+        checks.instance(f"decision.{name}", getattr(known, name), str)
+    for name in ("gap", "time_to_closest", "distance_at_closest"):
+        if not isinstance(getattr(known, name), Real):
+            raise BadParameter(f"decision.{name}", getattr(known, name), "a number")
+    if known.local_target is not None:
+        checks.point("decision.local_target", known.local_target)
     if known.obstacle is not None:
         checks.integer("decision.obstacle", known.obstacle)
     if known.path is not None:
-        checks.instance("decision.path", known.path, TimedPath)
+        path = checks.instance("decision.path", known.path, TimedPath)
+        if not (np.isfinite(path.t).all() and np.isfinite(path.xy).all()):
+            raise BadParameter("decision.path", path, "of finite numbers")
     for part in known.alternatives:
         name, cost = checks.sequence("decision.alternatives", part, "pairs of a name and a cost in s", size=2)
         checks.instance("decision.alternatives", name, str)
         if not isinstance(cost, (float, np.floating)):
             checks.number("decision.alternatives", cost, infinite=True, unit="s")
+    shades = None
+    if known.pheromone is not None:
+        shades = checks.sequence("decision.pheromone", known.pheromone, "(row, col, float32[h, w])", size=3)[2]
+    for name, array, kind, columns in (
+        ("pheromone", shades, np.float32, None),
+        ("history", known.history, np.float64, 4),
+        ("predicted", known.predicted, np.float32, 7),
+    ):
+        table = isinstance(array, np.ndarray) and array.dtype == kind and array.ndim == 2
+        if array is not None and not (table and columns in (None, array.shape[1])):
+            raise BadParameter(f"decision.{name}", array, f"{np.dtype(kind)}[N, {columns or 'M'}]")
     return known

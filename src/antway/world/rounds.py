@@ -12,7 +12,7 @@ from antway.grid import Grid
 from antway.world.order_planner import OrderOutlook, OrderPlanner
 from antway.world.policy import XY, Command, Decision, Observation, Policy, Task, as_policy
 from antway.world.standing import StandingObstacles
-from antway.world.stops import Rounds, Stop, Turn, Visit
+from antway.world.stops import Rounds, Stop, Turn, Visit, checked_stops
 from antway.world.stopwatch import stopwatch
 
 STAY = 1.0  # s; the robot should arrive at a stop when it can stand there for this time
@@ -65,15 +65,17 @@ class RoundsPolicy:
         self.visits: list[Visit] = []
         self.turns: list[Turn] = []
         self.departures, self.homeward = 0, False
-        self._explained: tuple[Decision, Decision] | None = None  # the last decision of the policy, and what was made of it
+        # The last decision of the policy, what the robot did then, and the decision that tells both.
+        self._explained: tuple[Decision, str, Decision] | None = None
         self._decide("the first order")
         self._depart()
 
     def add(self, stop: Stop) -> None:
         """Add a stop."""
+        listed = checked_stops([*self.stops, stop], self.task)
         if not self.planner.leads_to(self.xy, stop.at):
             raise BadParameter("stop", stop.at, "where a path leads")
-        self.stops.append(stop)
+        self.stops[:] = listed
         self.remaining.append(len(self.stops) - 1)
         self.planner.measure()
         self.homeward, target = False, self._target
@@ -84,7 +86,7 @@ class RoundsPolicy:
     def act(self, observation: Observation) -> Command:
         """Return the command of the policy on the way to the next stop, or during service."""
         self.now, self.xy = observation.t, observation.xy
-        self.standing.observe(observation.tracks, self.now)
+        self.standing.observe(observation.tracks, observation.sensed_at)
         if self.service is None and self.order and self._near(self.order[0]):
             self.service = _Service(self.order[0], self.now)
         if self.service is not None:
@@ -95,19 +97,18 @@ class RoundsPolicy:
 
     def explain(self) -> Decision:
         """Return the decision of the policy, with the next stop."""
-        decision = self.policy.explain()
-        if self._explained is None or self._explained[0] is not decision:
-            self._explained = decision, self._with_stop(decision)
-        return self._explained[1]
+        decision, doing = self.policy.explain(), self._doing()
+        if self._explained is None or self._explained[0] is not decision or self._explained[1] != doing:
+            action = decision.action if self.service is None else "arrived"
+            self._explained = decision, doing, replace(decision, action=action, reason=f"{doing}{decision.reason}")
+        return self._explained[2]
 
-    def _with_stop(self, decision: Decision) -> Decision:
-        """Return a decision of the policy with the name of the stop to which it drives, or at which it is."""
+    def _doing(self) -> str:
+        """Return the beginning of a reason: the stop to which the robot drives, or at which it is."""
         if self.service is None:
-            name = self._name(self.order[0]) if self.order else "the end"
-            return replace(decision, reason=f"to {name}: {decision.reason}")
+            return f"to {self._name(self.order[0]) if self.order else 'the end'}: "
         name, earliest = self._name(self.service.stop), self.stops[self.service.stop].window[0]
-        doing = f"waits at {name} until {earliest:g} s" if earliest > self.now else f"at {name}"
-        return replace(decision, action="arrived", reason=f"{doing}; {decision.reason}")
+        return f"waits at {name} until {earliest:g} s; " if earliest > self.now else f"at {name}; "
 
     def _name(self, stop: int) -> str:
         return self.stops[stop].name or "the next stop"

@@ -114,7 +114,7 @@ class Scanner:
         covariance = None
         if not self.plain:
             agility = sensor.agility if sensor.velocity == "estimated" else 0.0
-            errors = Errors(sensor.dropout, sensor.noise, sensor.velocity_noise, agility)
+            errors = Errors(sensor.dropout, sensor.noise, sensor.velocity_noise, max(1.0, 1.5 * sensor.period), agility)
             n = degrade(n, t, self.seed, self.scans, errors, self.seen, self.state, self.tracker, self.covariance)
             covariance = self.covariance[:n].copy()
         self.scans += 1

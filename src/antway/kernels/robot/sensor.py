@@ -72,6 +72,7 @@ class Errors(NamedTuple):
     dropout: float  # 1; probability
     noise: float  # m; standard deviation of places
     velocity_noise: float  # m/s; standard deviation of velocities
+    forgotten: float  # s; the filter of a disc restarts after so long a time without it
     agility: float  # m/s^2; assumed acceleration of obstacles where velocities are estimated, else 0
 
 
@@ -84,11 +85,11 @@ def degrade(
     Each disc is lost with probability `dropout`. Its place gets normal noise of `noise` m, its velocity of `velocity_noise`
     m/s. With `agility` > 0 the velocity is not measured but estimated from the places by a Kalman filter for constant velocity
     with white acceleration of that standard deviation (m/s^2). Each disc has its own filter, which restarts once the disc was
-    not seen for 1 s. The noise of a disc in scan `tick` depends only on seed, tick and disc. The filters are the rows of
-    `tracker`, float64[K, 8], kept from scan to scan, with the same variances in x and y; their time is NaN before the first.
+    not seen for `forgotten` s. The noise of a disc in scan `tick` depends only on seed, tick and disc. The filters are the rows
+    of `tracker`, float64[K, 8], kept from scan to scan, with the same variances in x and y; their time is NaN before the first.
     `covariance`, float64[K, 4, 4], is filled with that of (x, y, vx, vy).
     """
-    dropout, noise, velocity_noise, agility = errors
+    dropout, noise, velocity_noise, forgotten, agility = errors
     kept = 0
     draw = np.empty(1, np.uint64)
     for m in range(n):
@@ -100,7 +101,7 @@ def degrade(
         vx, vy = state[m, 2] + velocity_noise * normal(draw), state[m, 3] + velocity_noise * normal(draw)
         pp, pv, vv = noise * noise, 0.0, velocity_noise * velocity_noise
         if agility > 0.0:
-            x, y, vx, vy, pp, pv, vv = _track(tracker[k], t, x, y, noise, agility)
+            x, y, vx, vy, pp, pv, vv = _track(tracker[k], t, x, y, noise, forgotten, agility)
         seen[kept] = k
         state[kept, 0], state[kept, 1], state[kept, 2], state[kept, 3] = x, y, vx, vy
         covariance[kept] = 0.0
@@ -114,12 +115,12 @@ def degrade(
 
 @kernel
 def _track(
-    f: Floats, t: float, x: float, y: float, noise: float, agility: float
+    f: Floats, t: float, x: float, y: float, noise: float, forgotten: float, agility: float
 ) -> tuple[float, float, float, float, float, float, float]:
     """Update the filter `f` with the measured place and return its estimate."""
     measured = max(noise * noise, 1e-8)
     dt = t - f[_T]
-    if not dt <= 1.0:
+    if not dt <= forgotten:
         f[_X], f[_Y], f[_VX], f[_VY] = x, y, 0.0, 0.0
         f[_P11], f[_P12], f[_P22] = measured, 0.0, 4.0  # a standard deviation of 2 m/s: an obstacle may walk or stand
     else:
