@@ -339,6 +339,22 @@ def test_covariances_that_are_too_large_are_scaled_down(wrong: float) -> None:
     assert trackers[0].estimates[0, SIGMA_V] < 0.5
 
 
+@pytest.mark.parametrize("told", [True, False])
+def test_a_strict_guard_is_given_the_places_that_the_sensor_states(told: bool) -> None:
+    """Exact places with a covariance are within two standard deviations of what it is given, also if an obstacle turns."""
+    policy = AntwayPolicy(mode="strict")
+    policy.reset(Task(Grid(np.zeros((100, 100), np.bool_), 0.2), RobotSpec(sensor_range=20.0), (3.0, 3.0), (18.0, 3.0)), 0)
+    guard = policy.guard
+    assert guard is not None
+    xy, covariance = np.array([[5.0, 10.0]]), np.diag([0.05**2, 0.05**2, 0.04, 0.04])[None]
+    for i in range(45):
+        v = 1.3 * np.array([(1.0, 0.0), (0.0, 1.0), (-0.8, 0.6)][(i > 25) + (i > 35)])
+        seen = Tracks(np.array([1]), xy, v[None] if told else np.full((1, 2), math.nan), np.array([0.3]), covariance)
+        policy.act(Observation(0.1 * i, (3.0, 3.0), (0.0, 0.0), 0.0, seen))
+        assert math.dist(guard.tracks[0, :2], xy[0]) <= guard.spread[0] == pytest.approx(0.1)
+        xy = xy + 0.1 * v
+
+
 def test_covariances_count_in_every_direction() -> None:
     """The larger variance of places and of velocities counts, and either axis shows that a filter made them."""
     for x, y, filtered in ((0.04, 0.01, False), (0.01, 0.04, False), (0.04, 0.01, True), (0.01, 0.04, True)):

@@ -160,12 +160,12 @@ class Tracker:
     def for_guard(self, seen: Observation) -> Observation:
         """Return the observation with the tracks that the guard is given: measurements if they are exact, else estimates.
 
-        A strict guard keeps the measurements, because estimates from wrong velocities would drift away from them; they get the
-        covariance that their innovations show.
+        A strict guard keeps the measurements, because estimates from wrong velocities, or of obstacles that turn, would drift
+        away from them; without a stated covariance, they get the one that their innovations show.
         """
         noisy, covariance = self._noise[noise.PLACE] > _NOISY, seen.tracks.covariance
-        if self._strict and covariance is None:
-            return self._with_noise(seen) if noisy else seen
+        if self._strict:
+            return self._with_noise(seen) if covariance is None and noisy else seen
         if covariance is not None or noisy or not self._has_velocities:
             return self._as_estimated(seen)
         return seen
