@@ -19,6 +19,7 @@ from antway.kernels.controls.motion import motion_state, step
 from antway.kernels.controls.others import average, restart
 from antway.kernels.controls.outlook import spread_plan, write_beyond
 from antway.kernels.controls.path import path_of, same_path
+from antway.kernels.controls.seeds import descend
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.controls import ControlColony
@@ -354,6 +355,13 @@ def test_the_archive_stays_sorted_and_never_loses_the_best(robot: RobotSpec) -> 
     before = a.sequence[a.order[0]].copy()
     shift(a)
     assert (a.sequence[a.order[0], :-1] == before[1:]).all()
+
+
+def test_a_path_down_the_field_ends_with_its_memory() -> None:
+    """The memory is for a robot's top speed at first, which may be lower than that with which its rollouts drive later."""
+    field, path = _colony(HOLONOMIC).problem.field, np.full((40, 2), math.nan)
+    assert descend(path[:20], field, 1.1, 4.1, 2.5) == 20
+    assert np.isfinite(path[:20]).all() and np.isnan(path[20:]).all()
 
 
 @pytest.mark.parametrize("search", ["mppi", "cem", "random"])

@@ -85,8 +85,11 @@ def descent_points(length: float) -> int:
 
 @inner_kernel
 def descend(path: Floats, field: StaticField, x: float, y: float, length: float) -> int:
-    """Write the path from (x, y) down the field of times, up to `length` m and 0.5 m more; return its number of points."""
-    n, most = 1, descent_points(length)
+    """Write the path from (x, y) down the field of times, up to `length` m and 0.5 m more; return its number of points.
+
+    It is shorter if `path` has fewer rows: these are for the robot's top speed at first, and it may turn out to be faster.
+    """
+    n, most = 1, min(descent_points(length), len(path))
     path[0, 0], path[0, 1] = x, y
     while n < most:
         gx, gy, steep = slope(field, x, y, _E)
