@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from antway import Grid, Moves, RobotSpec, Scenario, Task, World, check_episode, run
+from antway import Grid, Moves, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
 from antway.arena.suites import SuiteEpisode, build, episodes
 from antway.errors import CellBlocked
-from antway.policies.antway.nodes import make_context, on_cells, planning_context, with_far_nodes
+from antway.policies.antway.nodes import contexts_for, make_context, on_cells, planning_context, with_far_nodes
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Line
 from antway.world.robots import load_robot
@@ -157,3 +158,30 @@ def test_passages_that_are_hardly_wider_than_two_large_cells_are_found() -> None
         result = run(scenario, "antway", seed=0)
         check_episode(result)
         assert result.reached and result.time < 5.5
+
+
+def test_a_footprint_without_inertia_is_planned_for_on_the_cells_that_it_drives_on() -> None:
+    """Before a corridor of 0.4 m, the plan for a disc of its width had finer cells than its rollouts, which was an error."""
+    blocked = np.ones((20, 44), np.bool_)
+    blocked[5:15, 2:15] = blocked[5:15, 30:43] = blocked[9:11, 15:30] = False
+    footprint = (-0.5, -0.15), (0.5, -0.15), (0.5, 0.15), (-0.5, 0.15)
+    told = []
+    for a_max in (math.inf, 1.0):
+        policy = AntwayPolicy()
+        policy.reset(Task(Grid(blocked, 0.2), RobotSpec(footprint=footprint, a_max=a_max), (2.0, 2.0), (7.2, 2.0)), seed=0)
+        policy.act(Observation(0.0, (2.0, 2.0), (0.0, 0.0), 0.0, Tracks.none()))
+        told.append(policy.explain().reason)
+    assert told[0] == told[1]
+
+
+def test_paths_of_a_footprint_without_inertia_keep_from_walls_and_do_not_begin_in_them() -> None:
+    """It is driven by the same colony as one with inertia, and so has the same contexts."""
+    blocked = np.zeros((20, 40), np.bool_)
+    blocked[:8, 18:22] = True
+    footprint = (-0.5, -0.15), (0.5, -0.15), (0.5, 0.15), (-0.5, 0.15)
+    tasks = [Task(Grid(blocked, 0.1), RobotSpec(footprint=footprint, a_max=a), (0.8, 1.2), (3.2, 1.2)) for a in (math.inf, 1.0)]
+    for at_once, slower in zip(*(contexts_for(task, Moves.THIRTY_TWO, 0.0) for task in tasks), strict=True):
+        assert at_once is not None and slower is not None
+        for mine, other in zip(at_once, slower, strict=True):
+            assert mine.leaves_walls is other.leaves_walls is False
+            assert mine.radius == other.radius and (mine.legal == other.legal).all()

@@ -35,6 +35,7 @@ _WALL_MARGIN = 0.05  # m; robots with inertia keep this from walls where they ca
 _FINE = 0.4  # 1; such robots need cells that are no larger than this share of the radius
 _SPARSE = 0.5  # 1; nodes of the plan of a robot that follows it are no farther apart than this share of the radius, or a cell
 _LONGER = 1.02  # 1; paths between fewer nodes may take this times as long
+_MOST_ACCEL = 1e3  # m/s^2; stands for an infinite acceleration of a robot with a footprint
 _TURNED = 0.1  # rad; where a robot cannot turn but is turned by more than this, it is planned for anew
 _ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, where one of them is too near to a wall
 
@@ -118,11 +119,17 @@ def narrow_contexts(task: Task, moves: Moves, radius: float) -> ContextPair | No
     width = float((over.max(axis=1) / np.hypot(x, y)).min())
     if 0.5 * width >= radius:
         return None
-    disc = replace(task, robot=replace(task.robot, radius=0.5 * width, footprint=None))
+    disc = replace(task, robot=_disc(task.robot, 0.5 * width))
     try:
         return planning_contexts(disc, moves)
     except CellBlocked:
         return None
+
+
+def _disc(robot: RobotSpec, radius: float) -> RobotSpec:
+    """Return the robot as a disc of `radius` m; it is driven as before, so it moves stepwise only if the robot does."""
+    a_max = robot.a_max if robot.stepwise else min(robot.a_max, _MOST_ACCEL)
+    return replace(robot, radius=radius, footprint=None, a_max=a_max)
 
 
 def planning_context(task: Task, moves: Moves) -> tuple[Task, PlanningContext, Cell, Cell]:
@@ -150,7 +157,7 @@ def planning_context(task: Task, moves: Moves) -> tuple[Task, PlanningContext, C
         start, goal = (_end_cell(task, inflated, radius, name, xy) for name, xy in ends.items())
         if start is None or goal is None:
             continue
-        context = make_context(grid, replace(robot, radius=radius, footprint=None), goal, moves)
+        context = make_context(grid, _disc(robot, radius), goal, moves)
         if math.isfinite(context.field[start[0] * grid.shape[1] + start[1]]):
             return task, context, start, goal
         widest = widest or (task, context, start, goal)
@@ -212,7 +219,7 @@ def with_far_nodes(
     nodes are left out if the path from the start would get longer by more than 2 %. `context` is that of `planning_context`,
     and `kept` either the same or that of `away_from_walls`.
     """
-    grid, robot, margin = task.grid, replace(task.robot, radius=context.radius, footprint=None), kept is not context
+    grid, robot, margin = task.grid, _disc(task.robot, context.radius), kept is not context
     most = _time_from(kept, grid, start) * _LONGER
     for stride in range(int((_FINE if margin else _SPARSE) * context.radius / grid.resolution + 1e-9), 1, -1):
         found = make_context(grid, robot, goal, moves, stride=stride)
@@ -253,7 +260,7 @@ def away_from_walls(
         ends |= np.hypot(rows[:, None] - row, cols - col) * grid.resolution <= _ENDS
     mixed = np.where(ends, context.legal.reshape(wide.shape), wide)
     for mask, kept in ((wide, radius + _WALL_MARGIN), (mixed, radius)):
-        found = make_context(grid, replace(task.robot, radius=kept, footprint=None), goal, moves, mask, stride)
+        found = make_context(grid, _disc(task.robot, kept), goal, moves, mask, stride)
         if math.isfinite(_time_from(found, grid, start)):
             return found
     return context
