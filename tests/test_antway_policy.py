@@ -34,7 +34,7 @@ from antway import (
     run,
 )
 from antway.kernels.base import jit
-from antway.kernels.crossing import ARRIVAL, KNOT_COUNT
+from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, PLANNED
 from antway.planning import TimedPath
 from antway.policies.antway import rehearsal
 from antway.policies.antway import state as state_module
@@ -531,6 +531,23 @@ def test_who_is_to_stay_at_the_goal_arrives_when_that_is_clear() -> None:
         assert result.outcome is Outcome.REACHED
         arrivals.append(result.time)
     assert arrivals[0] < 3.0 and arrivals[1] > 4.5
+
+
+def test_who_is_to_stay_at_the_goal_follows_plans_that_do_not_reach_it() -> None:
+    """A plan that ends at the horizon has no stay: its robot used to leave it where a plan with one would have ended."""
+    blocked = np.zeros((50, 110), bool)
+    blocked[15:35, 24:28] = True
+    policy, at, velocity = AntwayPolicy(guard=False), (2.0, 5.0), (0.0, 0.0)
+    policy.reset(Task(Grid(blocked, 0.2), RobotSpec(radius=0.2), at, (20.0, 5.0), stay=20.0), 0)
+    for i in range(60):
+        velocity = policy.act(Observation(0.1 * i, at, velocity, 0.0, Tracks.none())).velocity
+        at = at[0] + 0.1 * velocity[0], at[1] + 0.1 * velocity[1]
+        assert policy.state is not None
+        plan = policy.state.plan
+        knots = plan.knots[: int(plan.state[KNOT_COUNT])]
+        planned = [float(np.interp(0.1 * (i + 1), knots[:, 0], knots[:, k])) for k in (1, 2)]
+        assert at == pytest.approx(planned, abs=1e-6)
+    assert plan.state[PLANNED] < 10
 
 
 def test_a_wait_lasts_as_long_as_the_plan_stands() -> None:

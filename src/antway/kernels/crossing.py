@@ -163,7 +163,9 @@ def _follow(c: _Cycle) -> tuple[float, float]:
     context, settings, knots, now, x, y = c.context, c.settings, c.plan.knots[: int(c.plan.state[KNOT_COUNT])], c.now, c.x, c.y
     dt = settings.dt
     tx, ty, knot = place_at(knots, now + dt)
-    end, ex, ey = knots[-1, 0] - settings.colony.stay, knots[-1, 1], knots[-1, 2]
+    end, ex, ey = knots[-1, 0], knots[-1, 1], knots[-1, 2]
+    if settings.colony.stay > 0.0:  # a plan that leads to the goal goes on with the stay there
+        end = min(end, c.plan.state[ARRIVAL])
     # The plan ends at the centre of the goal's cell. Go straight to the goal from there, or earlier if the centre is a detour.
     beyond = math.hypot(ex - settings.goal_x, ey - settings.goal_y)
     back = math.hypot(x - settings.goal_x, y - settings.goal_y) < beyond < 3.0 * context.resolution
