@@ -41,6 +41,20 @@ def test_something_stands_in_the_way(name, passes):
     assert run(room(Obstacle(0.4, Line((6.1, 4.1), (6.1, 4.1), 0.0))), name).reached is passes
 
 
+@pytest.mark.parametrize("name", ["follow", "stop", "replan", "sipp", "dwa", "orca"])
+def test_commands_are_the_same_by_every_clock(name):
+    """Seconds since 1970, or as many as a clock may tell, used to be later than any end of a path."""
+    task = Task(Grid(np.zeros((40, 60), np.bool_), 0.2), RobotSpec(), (1.1, 4.1), (10.9, 4.1))
+    commands = []
+    for clock in (0.0, 1.7e9, 1e12):
+        policy = make_policy(name)
+        policy.reset(task, 0)
+        seen = Tracks(np.array([1]), np.array([[5.0, 5.6]]), np.array([[-0.5, 0.0]]), np.array([0.3]))
+        commands.append(policy.act(Observation(clock, (1.1, 4.1), (0.0, 0.0), 0.0, seen)).velocity)
+    assert math.hypot(*commands[0]) > 0.5
+    assert np.allclose(commands, commands[0], atol=2e-3)
+
+
 def test_stop_waits():
     """`stop` lets a crossing obstacle pass and goes on; it drives no detour."""
     result = run(room(Obstacle(0.4, Line((6.1, 1.0), (6.1, 7.0), 0.62))), "stop")

@@ -19,7 +19,7 @@ from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import CLEARANCE_RADIUS, CONTACT_RADIUS, T0, T1, VX, VY, Predictions, Trajectories, X, Y
 
 TOUCH = 1e-9
-NEVER = 1e9  # s; stands for infinity where a time must be finite
+NEVER = 1e13  # s; stands for infinity where a time must be finite; no clock tells so much (limits.MAX_CLOCK)
 Segments = Floats  # [P, 8]
 
 
