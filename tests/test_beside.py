@@ -68,6 +68,24 @@ def test_commands_are_given_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
     assert policy.state is not None and policy.state.detours.expects
 
 
+def test_a_robot_that_turns_out_to_be_slow_meanwhile_is_planned_for_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its top speed used to be forgotten if it was learnt while times for a detour were computed."""
+    monkeypatch.setattr(beside, "_AT_ONCE", 0)
+    policy, task = AntwayPolicy(learns_response=False), Task(two_doors(), load_robot("diff"), (3.0, 4.0), (13.1, 4.1))
+    policy.reset(task, seed=0)
+    tracks = Tracks(np.array([1]), np.array([[8.0, 2.6]]), np.zeros((1, 2)), np.array([0.3]))
+    s, slower = policy.state, replace(task.robot, v_max=0.5 * task.robot.v_max)
+    assert s is not None
+    for k in range(60):
+        policy.act(Observation(0.1 * k, task.start, (0.0, 0.0), 0.0, tracks))
+        if policy._beside is not None and s.task.robot is task.robot:
+            s.response.robot = slower
+            policy._suit_response(0.1 * k)
+            assert policy.state is s, "other times are still being computed"
+    assert policy.state is not None and policy.state.detours.expects and policy._beside is None
+    assert policy.state.task.robot == slower and policy.state.context.speed == slower.v_max
+
+
 def test_a_car_has_more_to_compute(monkeypatch: pytest.MonkeyPatch) -> None:
     """It has times to the goal in each heading, so a thread computes its detours on a map that is small for others."""
     monkeypatch.setattr(beside, "_AT_ONCE", 30_000)

@@ -133,6 +133,7 @@ class AntwayPolicy:
         self._in_common = False
         self._heading = math.nan  # rad; heading of a robot that cannot turn; NaN for one that can, and before the first cycle
         self._beside: Beside[State | Counted] | None = None
+        self._outdated = False  # whether the state is to be computed anew, once what is computed beside is done
 
     @property
     def task(self) -> Task:
@@ -153,7 +154,7 @@ class AntwayPolicy:
             If the robot does not fit at the start or at the goal.
         """
         rehearse(AntwayPolicy, task.robot, mode=self.mode, guard=self.guard is not None, controls=self.controls)
-        self._heading, self._beside = math.nan, None
+        self._heading, self._beside, self._outdated = math.nan, None, False
         self.state = self._made(task, seed, Response(task.robot), self._heading)
         if self.guard:
             self.guard.reset(task)
@@ -210,6 +211,7 @@ class AntwayPolicy:
 
     def _compute_anew(self, t: float, task: Task, at_once: int | None = None) -> None:
         """Go on with another task, or another robot or heading."""
+        self._outdated = False
         self._compute(t, partial(self._made, task, self._state.seed, self._state.response, self._heading), at_once)
 
     def _compute(self, t: float, work: Callable[[], State | Counted], at_once: int | None = None) -> None:
@@ -224,8 +226,11 @@ class AntwayPolicy:
         if self._beside is None or t < self._beside.due:
             return
         found, self._beside = self._beside.result(), None
+        outdated, self._outdated = self._outdated, False
         if not isinstance(found, State):
             states.set_times(self._state, *found)
+            if outdated:
+                self._compute_anew(t, self._state.task)
             return
         self.state = states.carried_on(found, self._state)
         if found.controls is not None:
@@ -290,8 +295,9 @@ class AntwayPolicy:
         """Plan and drive from now on for the robot as it has turned out to be."""
         s = self._state
         task = replace(s.task, robot=s.response.robot)
-        anew = (s.controls is None) != task.robot.stepwise or tops(task.robot) != tops(s.task.robot)
-        if anew and self._beside is None:  # other ants drive it, or the times to the goal are others
+        if (s.controls is None) != task.robot.stepwise or tops(task.robot) != tops(s.task.robot):
+            self._outdated = True  # other ants drive it, or the times to the goal are others
+        if self._outdated and self._beside is None:
             self._compute_anew(t, task)
             s = self._state
         if s.controls is not None:
