@@ -55,10 +55,10 @@ def test_a_robot_gives_way_to_who_waits_for_it(robot: str) -> None:
     assert outcome is Outcome.REACHED and any("gives way" in reason for reason in reasons)
 
 
-def goes(grid: Grid, at: XY, other: XY, came: float = 1.5) -> tuple[Task, list[tuple[float, Task]]]:
+def goes(grid: Grid, at: XY, other: XY, came: float = 1.5, clock: float = 0.0) -> tuple[Task, list[tuple[float, Task]]]:
     """Return the task of a robot that stays for half a minute, as somebody else does, and when it becomes another.
 
-    He comes the last `came` metres at 1 m/s, from the robot's side if it is below 0.
+    He comes the last `came` metres at 1 m/s, from the robot's side if it is below 0. Both begin when the clock tells `clock` s.
     """
     task = Task(grid, load_robot("diff"), START, GOAL)
     context = make_context(grid, task.robot, grid.cell_at(GOAL), Moves.EIGHT)
@@ -67,9 +67,9 @@ def goes(grid: Grid, at: XY, other: XY, came: float = 1.5) -> tuple[Task, list[t
     estimates[0, (ID, RADIUS)] = 7, 0.25
     for t in np.arange(0.0, 30.1, 0.25).tolist():
         estimates[0, (X, Y)] = other[0] + math.copysign(max(abs(came) - t, 0.0), came), other[1]
-        if counted := found.update(estimates, np.full(1, t), t, at):
+        if counted := found.update(estimates, np.full(1, clock + t), clock + t, at):
             found.adopt(counted())
-        after = paths.next_task(now, found, t, at)
+        after = paths.next_task(now, found, clock + t, at)
         if after is not now:
             changes.append((t, after))
             assert paths.asked(after) == task
@@ -88,6 +88,14 @@ def test_the_refuge_is_beside_the_way_out(came: float, waits: float) -> None:
     if came:  # nobody moves, so it drives on after twice as long
         then, back = changes[1]
         assert back == task and 10.0 <= then - when <= 10.5
+
+
+def test_a_robot_gives_way_by_every_clock() -> None:
+    """By a clock that began below 0 it used to wait for that clock to reach 0."""
+    when, there = goes(rooms(), (5.0, 2.0), (6.2, 2.0))[1][0]
+    for clock in (-1e6, 1.7e9):
+        then, also = goes(rooms(), (5.0, 2.0), (6.2, 2.0), clock=clock)[1][0]
+        assert then == when and also.goal == there.goal
 
 
 def test_the_refuge_may_be_beside_somebody_who_moved_about() -> None:

@@ -45,7 +45,8 @@ class Yielding:
 
     def __init__(self) -> None:
         self._wait = _WAIT
-        self._place, self._since, self._due = (math.inf, math.inf), 0.0, 0.0  # where the robot stays, since when; the next look
+        self._place, self._since = (math.inf, math.inf), 0.0  # where the robot stays, and since when
+        self._due = -math.inf  # s; the next look
         self._first: dict[float, float] = {}  # when the first stay of each obstacle in sight began, s
         self._asked: Task | None = None  # what the robot goes on with; None while it gives no way
         self._other = -1.0  # the id of whom it gives way to
