@@ -167,6 +167,21 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
         assert drive == pytest.approx(0.86 if speed == 0.0 or start < 5.0 + FAR_AHEAD - 1e-9 else 0.76)
 
 
+@pytest.mark.parametrize("age", [0.05, 0.3])
+def test_courses_have_less_room_later_on_however_old_the_estimates_are(age: float) -> None:
+    """Of an obstacle that goes straight on, too: a whole piece of its course used to keep the room of the first seconds."""
+    trajectory, pieces = np.tile((0.9, 0.0), (1, crowd.STEPS, 1)), []
+    estimates = np.array([[0.0, 0.0, 0.9, 0.0, 0.3, 0.0, 0.0, 1.0]])
+    terrain = Terrain(Grid(np.zeros((60, 60), bool)).blocked, -30.0, -30.0, 1.0)
+    for late in (0.0, age):
+        out = np.empty((100, 8))
+        margins = TubeMargins(0.3, 0.01, 0.0, 1.0, math.inf, 0.25)
+        n = predict(estimates, 5.0 + late, late, 9.0 - late, 20.0, 0.0, margins, terrain, trajectory, out)
+        pieces.append(out[:n])
+    assert pieces[1] == pytest.approx(pieces[0], abs=1e-9)
+    assert set(pieces[0][:, 7].round(3)) == {0.86, 0.76}
+
+
 def test_the_nameless_have_no_past() -> None:
     """Without names nobody is told from another, and none is predicted but straight on."""
     table, trajectory = make_table(4, crowd.COLUMNS, ID), np.empty((4, crowd.STEPS, 2))

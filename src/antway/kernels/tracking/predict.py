@@ -132,7 +132,8 @@ def predict(
     If the robot is already within the margins of a track, the margins are reduced to the present distance. The robot may then
     stand there. The radii of the bodies are never reduced. The clearance radius is reduced likewise for the first
     `stopping_time` s. The robot may then leave at once if it comes no nearer before it is clear, as the guard requires. From
-    FAR_AHEAD s on, the clearance radius of a track on a predicted trajectory is smaller, because a new plan exists by then.
+    FAR_AHEAD s after the estimates on, the clearance radius of a track on a predicted trajectory is smaller, because a new plan
+    exists by then.
     """
     n = 0
     size = terrain.resolution
@@ -182,7 +183,7 @@ def predict(
                 width = tube_width(margins, sigma, sigma_v, max(until + age, 0.0), gap, not on_trajectory)
                 contact = bodies + max(min(width, gap - 1e-6), 0.0)
                 clearance = max(present - 1e-6, 0.0) if leaving else bodies + width + deviation
-                if on_trajectory and t > FAR_AHEAD - 1e-9 and vx * vx + vy * vy > 0.01:
+                if on_trajectory and t + age > FAR_AHEAD - 1e-9 and vx * vx + vy * vy > 0.01:
                     clearance = max(clearance - _LESS_CLEARANCE, contact)
                 out[n, records.T0], out[n, records.T1] = now + t, now + until
                 out[n, records.X], out[n, records.Y], out[n, records.VX], out[n, records.VY] = x, y, vx, vy
