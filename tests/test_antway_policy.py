@@ -35,11 +35,12 @@ from antway import (
 )
 from antway.kernels.base import jit
 from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, PLANNED
+from antway.kernels.spacetime.memory import SEGMENTS
 from antway.planning import TimedPath
 from antway.policies.antway import rehearsal
 from antway.policies.antway import state as state_module
 from antway.policies.antway import tracker as tracker_module
-from antway.policies.antway.alternatives import CROSSING, ELSE
+from antway.policies.antway.alternatives import CROSSING, ELSE, Weighed
 from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.explain import wait_of
 from antway.policies.antway.policy import AntwayPolicy
@@ -507,6 +508,20 @@ def test_the_length_of_tables_of_tracks_does_not_matter_while_all_fit(monkeypatc
     for module in (tracker_module, state_module):
         monkeypatch.setattr(module, "MOST_ROWS", 512)
     assert commands()[:5] == usual[:5]
+
+
+def test_a_path_is_not_looked_for_among_more_pieces_than_memory_holds() -> None:
+    """One side of an obstacle is closed by hundreds of pieces, besides all those that are predicted."""
+    policy, far = AntwayPolicy(), Tracks(np.array([1]), np.array([[6.0, 2.6]]), np.array([[-0.5, 0.0]]), np.array([0.3]))
+    policy.reset(Task(ROOM, RobotSpec(radius=0.25), (2.0, 2.5), (8.0, 2.5)), 0)
+    for i in range(3):
+        policy.act(Observation(0.1 * i, (2.0, 2.5), (0.0, 0.0), 0.0, far))
+    alternatives = policy.explain().alternatives
+    assert isinstance(alternatives, Weighed)
+    snapshot, *_ = alternatives._asked
+    piece = np.array([[0.0, 9.0, 50.0, 50.0, 0.0, 0.0, 0.3, 0.3]])
+    assert snapshot.path(piece.repeat(SEGMENTS, axis=0)) is not None
+    assert snapshot.path(piece.repeat(SEGMENTS + 1, axis=0)) is None
 
 
 class Staying(AntwayPolicy):

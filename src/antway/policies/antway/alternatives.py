@@ -15,7 +15,7 @@ from antway.kernels.base.records import CLEARANCE_RADIUS, CONTACT_RADIUS, T0, T1
 from antway.kernels.crossing import PolicySettings
 from antway.kernels.spacetime.ants import search
 from antway.kernels.spacetime.context import PlanningContext, free_time
-from antway.kernels.spacetime.memory import KNOTS, Memory
+from antway.kernels.spacetime.memory import KNOTS, SEGMENTS, Memory
 from antway.kernels.spacetime.motion import first_conflict, passing, shorten, trace_back
 from antway.kernels.tracking.predict import predict, time_shift
 from antway.planning import TimedPath
@@ -62,7 +62,12 @@ class Snapshot:
         return out[:count]
 
     def path(self, segments: Floats, memory: Memory | None = None) -> TimedPath | None:
-        """Return the path that the colony finds among `segments`, or None; without a `memory` it makes one."""
+        """Return the path that the colony finds among `segments`, or None, also if they are more than SEGMENTS.
+
+        Without a `memory` it makes one.
+        """
+        if len(segments) > SEGMENTS:
+            return None
         context, s, (x, y) = self.context, self.settings, self.xy
         memory = make_memory(context.field.size) if memory is None else memory
         trails, state = make_trails(context.field.size), np.zeros(1, np.uint64)
