@@ -450,6 +450,7 @@ def test_ends_in_walls_and_off_the_map_raise(start, goal, error) -> None:
     "wrong",
     [
         {"horizon": 0.0},
+        {"horizon": 1001.0},
         {"margin": -0.1},
         {"chance": 1.5},
         {"minimum_improvement": 0.0},

@@ -166,6 +166,7 @@ def test_parameters_are_checked() -> None:
         {"margin": -1.0},
         {"growth": math.nan},
         {"lookahead": 0.0},
+        {"lookahead": 1001.0},
         {"heuristic": "x"},
         {"distance_weight": -1.0},
     ):

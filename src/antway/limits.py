@@ -7,6 +7,7 @@ MIN_SPEED = 1e-9  # m/s; least speed of a moving obstacle, besides 0
 MAX_PLACE = 1e10  # m; limit of coordinates, slightly beyond the farthest origin of a map
 MAX_ORIGIN = 1e6  # m; limit of an episode's map; 5e6 m off, floats are 1e-9 m apart, as the tolerances at walls are
 MAX_TIME = 1e9  # s; no motion, delay or horizon may be longer
+MAX_AHEAD = 1e3  # s; limit of how far ahead the policies antway and paper look
 MAX_STAY = 60.0  # s; limit of the time for which a robot is to stand at its goal
 MIN_PERIOD = 1e-6  # s; least period of control and sensors; sensors may have 0, which means every control cycle
 MAX_CLOCK = 1e12  # s; limit of the times of observations, from any zero of the clock

@@ -22,6 +22,7 @@ from antway.kernels.sidestep import sidestep
 from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.pheromone import window
 from antway.kernels.tracking.prediction_error import distrust
+from antway.limits import MAX_AHEAD
 from antway.planning import TimedPath
 from antway.policies.antway import state as states
 from antway.policies.antway.beside import Beside
@@ -56,7 +57,7 @@ class AntwayPolicy:
     Parameters
     ----------
     horizon : float
-        How far ahead obstacles are predicted, s, > 0.
+        How far ahead obstacles are predicted, s, > 0, at most 1000.
     margin : float or None
         Least distance to predicted obstacles, m, >= 0. None means 0.005 m. In mode "least-harm", a robot that follows the plan
         itself adds 0.2 s times the standard deviation of a track's velocity.
@@ -111,7 +112,7 @@ class AntwayPolicy:
         mode: str = "least-harm",
         learns_response: bool = True,
     ) -> None:
-        self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
+        self.horizon = checks.number("horizon", horizon, low=0.0, high=MAX_AHEAD, open_low=True, unit="s")
         self.margin = None if margin is None else checks.number("margin", margin, low=0.0, unit="m")
         chance = checks.number("chance", chance, low=1e-9, high=1.0 - 1e-9)
         self.quantile = max(NormalDist().inv_cdf(1.0 - chance), 0.0)  # of the error towards the robot

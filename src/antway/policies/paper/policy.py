@@ -18,6 +18,7 @@ from antway.ants.persistence import Adaptive
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.arrays import Bools, Floats
 from antway.kernels.tracking.tubes import first_conflict
+from antway.limits import MAX_AHEAD
 from antway.planning import Problem, Status, TimedPath
 from antway.policies.encounter import closest_approach, encounter
 from antway.policies.guard import Guard, check_observation
@@ -74,7 +75,7 @@ class PaperPolicy:
     growth : float
         How fast that distance grows with the time predicted, m/s, >= 0.
     lookahead : float
-        How far ahead motion is predicted, s, > 0.
+        How far ahead motion is predicted, s, > 0, at most 1000.
     heuristic : str
         Heuristic of the ants: "goal", the paper's eta = 1 / d with the straight distance to the local target; "distance",
         1 / exact distance; "field", the detour of the move, with which they find the shortest path in their first cycle.
@@ -104,7 +105,7 @@ class PaperPolicy:
         self.ants, self.cycles = checks.integer("ants", ants, low=1), checks.integer("cycles", cycles, low=1)
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
         self.growth = checks.number("growth", growth, low=0.0, unit="m/s")
-        self.lookahead = checks.number("lookahead", lookahead, low=0.0, open_low=True, unit="s")
+        self.lookahead = checks.number("lookahead", lookahead, low=0.0, high=MAX_AHEAD, open_low=True, unit="s")
         self.heuristic = checks.choice("heuristic", heuristic, BETA)
         for name, value in (("alpha", alpha), ("beta", beta)):
             if value is not None:
