@@ -311,6 +311,23 @@ def test_commands_before_a_gap_are_forgotten_and_those_that_are_told_count() -> 
     assert (response.commands[-2:] == told).all()
 
 
+def test_commands_that_acted_before_a_gap_do_not_count_as_pending() -> None:
+    """After a pause of 20 s they used to; after one missed cycle those that are on their way still do."""
+    late = replace(DIFF, latency=0.3)
+    response, still = Response(late), ((0.0, 0.0), (0.0, 0.0), 0.0, NOBODY)
+    for k in range(8):
+        seen = Observation(0.1 * k, *still)
+        response.record(seen, Command(twist=(0.1 * k, 0.0)))
+    pending = {t: response.completed(Observation(t, *still)).pending for t in (0.8, 0.9, 20.7)}
+    speeds = {t: None if given is None else given[:, 0].tolist() for t, given in pending.items()}
+    assert speeds[0.8] == pytest.approx([0.5, 0.6, 0.7])
+    assert speeds[0.9] == pytest.approx([0.6, 0.7, 0.7])
+    assert speeds[20.7] == [0.0, 0.0, 0.0]
+    response.record(Observation(20.7, *still), Command(twist=(0.4, 0.0)))
+    told = response.completed(Observation(20.8, *still)).pending
+    assert told is not None and told[:, 0].tolist() == [0.0, 0.0, 0.4]
+
+
 @pytest.mark.parametrize("drive", DRIVES)
 def test_speeds_are_compared_with_places(drive: int) -> None:
     """By sums over the history; speeds are as wrong as the velocity between two places is far from all between them."""

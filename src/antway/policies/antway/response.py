@@ -194,11 +194,20 @@ class Response:
         return self.with_pending(self.odometry.completed(o, self.seen[-1]))
 
     def with_pending(self, o: Observation) -> Observation:
-        """Return the observation with the commands that do not act yet: those recorded, unless it tells them as declared."""
+        """Return the observation with the commands that do not act yet: those recorded, unless it tells them as declared.
+
+        A robot that was given no command for longer than _GAP periods is taken to be told to stop.
+        """
         if self.robot is self.declared and (o.pending is not None or self.robot.latency == 0.0):
             return o
-        late = math.ceil(self.robot.latency / self.robot.dt - 1e-9)
-        return replace(o, pending=self.commands[len(self.commands) - late :].copy())
+        late, dt = math.ceil(self.robot.latency / self.robot.dt - 1e-9), self.robot.dt
+        given, commands = (one[len(one) - late :] for one in (self.given, self.commands))
+        if late and np.diff(given, append=o.t).max() > _GAP * dt:  # each acts in its turn, and none where a gap is
+            starts = o.t - dt * np.arange(late, 0.0, -1.0)
+            last = np.searchsorted(given, starts + 0.5 * dt) - 1
+            known = (last >= 0) & (starts - given[last] <= _GAP * dt)
+            commands = np.where(known[:, None], commands[last], 0.0)
+        return replace(o, pending=commands.copy())
 
     def __str__(self) -> str:
         """Say how the robot differs from what was declared, if its place is uncertain by 1 cm, and what else is wrong."""
