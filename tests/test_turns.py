@@ -146,6 +146,18 @@ def test_obstacles_go_straight_until_their_velocity_changes() -> None:
     assert outlook.disc[:25, 0, COLUMN["straight"]].tolist() == pytest.approx(left)
 
 
+@pytest.mark.parametrize("now", [0.0, 7.3, 1.7e9])
+def test_an_obstacle_counts_once_wherever_rounding_puts_the_end_of_a_step(now: float) -> None:
+    """A step may end just before or after a segment of the obstacle does."""
+    at, margins = RobotState(0.0, 0.0, 0.0, 0.0, 0.0), Margins(0.01, 0.05, 2.0, 1.2, 0.4, 0.1, 2.0)
+    for off in (0.0, 1e-16, 1e-12, 5e-10, 1e-9, 2e-9, 3e-7):
+        for end in (now + 0.3 - off, now + 0.3 + off):
+            outlook = empty_outlook(10)
+            segments = np.array([[now, end, 2.0, 0.0, 0.0, 0.0, 0.6, 0.6], [end, now + 9.0, 2.0, 0.0, 0.0, 0.0, 0.6, 0.6]])
+            look_ahead(segments, np.zeros((1, 2)), now, 0.1, at, SpeedBounds(1.0, 1.0, 1.0, 1.0), margins, 0.0, outlook)
+            assert outlook.near[:10].tolist() == [1] * 10
+
+
 def test_velocities_count_as_wrong_by_as_much_as_turns_change_them() -> None:
     """A turn of 2 m/s in every 5 s has, drawn at random again and again, the spread along an axis that is assumed.
 

@@ -81,9 +81,9 @@ def look_ahead(
         speed = min(pace + bounds.growth, max(bounds.obstacle, pace))  # who is faster than declared stays so
         turns = p + 1 < len(segments) and segments[p + 1, records.T0] == t1
         turns = turns and (segments[p + 1, records.VX] != vx or segments[p + 1, records.VY] != vy)
-        for k in range(max(math.ceil((t0 - now) / dt - 1e-9) - 1, 0), steps + 1):
+        for k in range(max(math.floor((t0 - now) / dt) - 1, 0), steps + 1):
             t = now + min(k + 1, steps) * dt
-            if t >= t1:
+            if t >= t1 - 1e-9:  # the same as below, so that one of two successive segments counts
                 break
             if t < t0 - 1e-9:
                 continue
