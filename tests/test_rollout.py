@@ -16,9 +16,10 @@ from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
 from antway.kernels.controls.motion import motion_state, step
-from antway.kernels.controls.others import average, restart
+from antway.kernels.controls.others import _average_of_round, average, restart
 from antway.kernels.controls.outlook import spread_plan, write_beyond
 from antway.kernels.controls.path import path_of, same_path
+from antway.kernels.controls.problem import GOAL_SPEED
 from antway.kernels.controls.seeds import descend
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.control_options import ControlOptions
@@ -355,6 +356,29 @@ def test_the_archive_stays_sorted_and_never_loses_the_best(robot: RobotSpec) -> 
     before = a.sequence[a.order[0]].copy()
     shift(a)
     assert (a.sequence[a.order[0], :-1] == before[1:]).all()
+
+
+def test_the_spread_of_an_elite_is_that_of_all_ants_if_they_are_fewer() -> None:
+    """It used to be divided by the number of an elite that did not exist."""
+    task, elite, ants = _task(WHEELS), 20, 10
+    context = make_context(task.grid, WHEELS, task.grid.cell_at(task.goal))
+    options = ControlOptions(search="cem", rounds=1, ants=ants, elite=elite)
+    colony = ControlColony(options, task, context.field.reshape(task.grid.shape), 3, strict=False)
+    how, drawn = colony.averaging, np.random.default_rng(1).normal(size=(ants, len(colony.problem.outlook.plan), 2))
+    assert how is not None
+    block = colony.archive.block
+    _average_of_round(how, drawn, np.arange(float(ants)), block, (0.0, 0.0))
+    middle = np.minimum(np.arange(len(how.spread)) * block + block // 2, drawn.shape[1] - 1)
+    assert how.spread == pytest.approx(drawn.std(axis=0)[middle])
+
+
+def test_who_is_to_stay_arrives_as_slowly_as_its_brakes_have_turned_out_to_be_weak() -> None:
+    """The robot can then stop within a period at the goal."""
+    task = replace(_task(WHEELS), stay=3.0)
+    context = make_context(task.grid, WHEELS, task.grid.cell_at(task.goal))
+    colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), 3, strict=False)
+    colony.set_response(replace(WHEELS, brake_max=0.4))
+    assert colony.problem.field.goal[GOAL_SPEED] == pytest.approx(0.4 * WHEELS.dt)
 
 
 def test_a_path_down_the_field_ends_with_its_memory() -> None:

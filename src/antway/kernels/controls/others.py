@@ -48,7 +48,7 @@ def _average_of_round(averaging: Averaging, drawn: Floats, cost: Floats, block: 
                 square = 0.0
                 for i in elite:
                     square += (drawn[i, k, j] - mean[k, j]) ** 2
-                spread[b, j] = max(math.sqrt(square / averaging.elite), least[j])
+                spread[b, j] = max(math.sqrt(square / len(elite)), least[j])
 
 
 @kernel
