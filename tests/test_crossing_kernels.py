@@ -13,7 +13,7 @@ from antway.kernels.base.records import Predictions
 from antway.kernels.robot.guard import time_to_contact
 from antway.kernels.robot.reach import least_gap
 from antway.kernels.spacetime.ants import _Choices, _draw, deposit
-from antway.kernels.spacetime.memory import STATE_COUNT
+from antway.kernels.spacetime.memory import HEAP_SIZE, STATE_COUNT, pop, push
 from antway.kernels.spacetime.motion import first_conflict, passing, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
@@ -21,7 +21,7 @@ from antway.kernels.tracking import kalman as track
 from antway.kernels.tracking.predict import ID, NO_PREDICTIONS, RADIUS, TubeMargins, predict
 from antway.kernels.tracking.table import make_table
 from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.antway.state import make_trails
+from antway.policies.antway.state import make_memory, make_trails
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce
 from antway.world.terrain import terrain_of
@@ -410,6 +410,23 @@ def test_passing_is_what_its_slow_twin_finds() -> None:
         knots = np.column_stack((np.cumsum(rng.uniform(0.2, 2.0, 5)), rng.uniform(-3, 3, (5, 2))))
         now, until = 0.1, float(rng.uniform(1.0, ends[-1]))
         assert passing(knots, segments, now, until) == pytest.approx(naive.passing(knots, segments, now, until), abs=1e-12)
+
+
+def test_no_open_state_is_lost_from_a_heap_that_is_full_of_stale_entries() -> None:
+    """A state that is reached earlier and earlier fills it; the best open state bounds the cost of all paths."""
+    memory, keys = make_memory(4, states=8, heap=32), np.full(8, math.inf)
+    rng = np.random.default_rng(3)
+    for _ in range(500):
+        s, key = int(rng.integers(8)), float(rng.uniform(1.0, 9.0))
+        keys[s] = key
+        push(memory, key, s)
+        assert len(memory.heap_key) >= memory.counter[HEAP_SIZE]
+    found: list[int] = []
+    while memory.counter[HEAP_SIZE]:
+        key, s = memory.heap_key[0], int(memory.heap_state[0])
+        found += [s] if key == memory.key[s] else []
+        pop(memory)
+    assert found == np.argsort(keys).tolist()
 
 
 def test_a_cycle_plans_keeps_and_gives_up() -> None:

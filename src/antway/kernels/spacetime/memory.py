@@ -163,9 +163,26 @@ def leave(
 def push(memory: Memory, key: float, s: int) -> None:
     """Push state s onto the heap of open states with `key`, the least promise of its moves; older entries become stale."""
     memory.key[s] = key
+    if memory.counter[HEAP_SIZE] == len(memory.heap_key):
+        _drop_stale(memory)
+    if memory.counter[HEAP_SIZE] < len(memory.heap_key):
+        _insert(memory, key, s)
+
+
+@bare_kernel
+def _drop_stale(memory: Memory) -> None:
+    """Remove all stale entries from a heap that is full of them."""
+    n, memory.counter[HEAP_SIZE] = memory.counter[HEAP_SIZE], 0
+    for i in range(n):  # the heap of those before entry i takes no more room than they did
+        key, s = memory.heap_key[i], memory.heap_state[i]
+        if key == memory.key[s]:
+            _insert(memory, key, s)
+
+
+@bare_kernel
+def _insert(memory: Memory, key: float, s: int) -> None:
+    """Insert an entry into the heap, which has room for it."""
     i = memory.counter[HEAP_SIZE]
-    if i == len(memory.heap_key):
-        return
     memory.counter[HEAP_SIZE] += 1
     while i > 0 and memory.heap_key[(i - 1) // 2] > key:
         memory.heap_key[i], memory.heap_state[i] = memory.heap_key[(i - 1) // 2], memory.heap_state[(i - 1) // 2]
