@@ -106,6 +106,8 @@ class ControlColony:
         weights = _weights(self.options, robot, self.slowness, self.task, self.strict)
         self.problem = self.problem._replace(limits=finite_limits(robot), weights=weights)
         self.margins, self.bounds = self._by_response()
+        if self.task.stay > 0.0:
+            self._stand_at_goal()
 
     def set_spread(self, spread: float) -> None:
         """Keep more room from walls and obstacles where the robot's place is wrong by this standard deviation, m."""
