@@ -128,9 +128,10 @@ def _predict(c: _Cycle, margins: TubeMargins, out: Floats) -> int:
 
 @kernel
 def _with_less_clearance(predictions: Predictions, now: float) -> Predictions:
-    """Return the predictions with clearance radii that are smaller by up to _TOLERATED m from _SOON s on.
+    """Return the predictions with clearance radii that are smaller by up to _TOLERATED m in segments that begin in _SOON s.
 
-    The prediction may well have changed by then, so a plan that is clear of these can be kept for now.
+    Those that begin later have them, too, but none that begins earlier. The prediction may well have changed by then, so a plan
+    that is clear of these can be kept for now.
     """
     segments = predictions.segments.copy()
     for p in range(len(segments)):

@@ -105,11 +105,11 @@ class Detours:
         return bool(self._expected)
 
     def timed(self, context: PlanningContext) -> PlanningContext:
-        """Return the first context with the present times; that given may be for another speed."""
+        """Return `context`, which is the first one for this or another speed, with the present times at its speed."""
         return context._replace(field=self.times[0] * (self.contexts[0].speed / context.speed))
 
     def without(self, context: PlanningContext) -> PlanningContext:
-        """Return the first context with the times on the map alone; that given may be for another speed."""
+        """Do as `timed`, but with the times on the map alone."""
         if not self.expects:
             return context
         return context._replace(field=self.contexts[0].field * (self.contexts[0].speed / context.speed))
