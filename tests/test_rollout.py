@@ -75,7 +75,7 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
     for trial in range(20):
         wall_range, swerve = 0.4 * (trial % 2), 2.2 if trial % 3 else 0.1
         weights = colony.problem.weights._replace(turn_risk=4.0, wall_range=wall_range, follow=5.0 * (trial % 4), swerve=swerve)
-        colony.problem = colony.problem._replace(weights=weights._replace(a_change=2.0, b_change=1.5))
+        colony.problem = colony.problem._replace(weights=weights._replace(turn_change=1.5))
         speeds = rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)) if robot.wheels else rng.uniform(-0.7, 0.7, (6, 2))
         controls = np.repeat(speeds, 5, axis=0)[:steps]
         colony.problem.outlook.near[:] = 2 * (trial % 2)
@@ -205,7 +205,7 @@ def test_a_rollout_that_could_not_stop_behind_the_goal_costs_more(robot: RobotSp
     colony = _colony(robot)
     colony.problem = colony.problem._replace(start=RobotState(8.0, 4.1, 0.0, 0.5, 0.0))
     field = colony.problem.field
-    weights = colony.problem.weights._replace(progress=0.0, a_change=0.0, b_change=0.0)
+    weights = colony.problem.weights._replace(progress=0.0)
     edge = (field.wall.shape[1] - 1) / field.wall_frame[2] - robot.radius
     problem = colony.problem._replace(field=field._replace(goal=np.array([edge - 0.15, 4.1, 0.2, math.inf])), weights=weights)
     for speed in (0.6, 0.7, 1.0):
@@ -554,19 +554,14 @@ def test_a_very_slow_robot_reaches_a_goal_beside_who_walks() -> None:
     assert sum(result.outcome is Outcome.REACHED for result in results) >= 3
 
 
-@pytest.mark.parametrize("name", ["diff", "inertia"])
-def test_robots_drive_with_comfort(name: str) -> None:
-    """Among obstacles a robot changes its turn rate, or its velocity without wheels, by less where that costs something."""
-    suite = episodes("synthetic", 1, name)[0].suite
-    restless = {}
+def test_robots_do_not_turn_to_and_fro_for_nothing() -> None:
+    """Among obstacles a robot on wheels changes its turn rate by less where that costs something."""
+    suite, restless = episodes("synthetic", 1, "diff")[0].suite, {}
     for comfort in (0.0, 0.02):
-        change = []
+        restless[comfort] = 0.0
         for number in range(9700, 9704):
-            episode = SuiteEpisode("synthetic", suite, "open/medium", number, name)
-            policy = AntwayPolicy(controls=ControlOptions(comfort=comfort))
-            result = run(build(episode), policy, seed=episode.seed)
+            episode = SuiteEpisode("synthetic", suite, "open/medium", number, "diff")
+            result = run(build(episode), AntwayPolicy(controls=ControlOptions(comfort=comfort)), seed=episode.seed)
             assert result.reached and result.trace is not None
-            moved = result.trace.turn_rate if name == "diff" else result.trace.velocity
-            change.append(float(np.abs(np.diff(moved, axis=0)).sum()))
-        restless[comfort] = sum(change)
-    assert restless[0.02] < 0.85 * restless[0.0]
+            restless[comfort] += float(np.abs(np.diff(result.trace.turn_rate)).sum())
+    assert restless[0.02] < 0.7 * restless[0.0]

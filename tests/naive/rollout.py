@@ -57,9 +57,8 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
     for k, (ca, cb) in enumerate(controls.tolist()):
         if k * dt > arrived * dt + max(w.stopping_time - dt, 0.0) + 1e-9:
             ca = cb = 0.0
-        before, heading, last, now = np.array(now[:2]), now[2], now[3:], drive_cycle(now, ca, cb, limits, dt)
-        faster, turning = now[3] - last[0], now[4] - last[1]
-        cost += w.a_change * abs(faster) + w.b_change * abs(turning)
+        before, heading, last, now = np.array(now[:2]), now[2], now, drive_cycle(now, ca, cb, limits, dt)
+        cost += w.turn_change * abs(now[4] - last[4])
         x, y, theta, a, b = now
         if not limits.drive:  # without wheels a footprint keeps its heading
             theta = heading = state.theta

@@ -32,17 +32,17 @@ from antway.kernels.controls.problem import (
 from antway.kernels.controls.rollout import is_too_dear, lost_time, obstacle_cost, stop_behind_wall
 
 BATCH = 64  # most rollouts that are stepped abreast
-ROWS = 32  # numbers of each rollout
+ROWS = 31  # numbers of each rollout
 _ROWS = tuple(BATCH * row for row in range(ROWS))
 # Rows of `Batch.value`. The first ones are kept when rollouts close up: the motion state at the end of a step, what the rollout
 # has cost, and the step from which the robot brakes because it has reached the goal.
 X, Y, COS, SIN, A, B, SPENT, BRAKES = _ROWS[:8]
-# The command of a step, the motion state before it, the distance to walls, and what obstacles cost in the step.
-ONE, TWO, X0, Y0, COS0, SIN0, A0, B0, WALL, HARM = _ROWS[8:18]
+# The command of a step, the place, heading and turn rate before it, the distance to walls, and what obstacles cost in the step.
+ONE, TWO, X0, Y0, COS0, SIN0, B0, WALL, HARM = _ROWS[8:17]
 # The static time to go, the time lost to the turning radius, the time to go that counts, the cost with it, and what happens.
-TO_GO, TURNING, VALUE, WITH_VALUE, EVENT = _ROWS[18:23]
+TO_GO, TURNING, VALUE, WITH_VALUE, EVENT = _ROWS[17:22]
 # A bilinear interpolation: the node, where the robot is in its square, two nodes with the changes to the next, and the result.
-_LINE, _COL, _UP, _ALONG, _LOW, _LOW_CHANGE, _HIGH, _HIGH_CHANGE, SAMPLE = _ROWS[23:32]
+_LINE, _COL, _UP, _ALONG, _LOW, _LOW_CHANGE, _HIGH, _HIGH_CHANGE, SAMPLE = _ROWS[22:31]
 _NEXT = np.uint64(1)  # the step to the next node, of the type of indices
 _TOO_DEAR, _AT_GOAL, _BRAKES = 1, 2, 4  # values of EVENT, which are added up
 
@@ -64,7 +64,7 @@ def drive(value: Floats, n: int, limits: RobotLimits, dt: float) -> None:
     """Drive the first n rollouts for a period by their commands."""
     for i in range(n):
         at = rollout_state(value, i)
-        value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], value[A0 + i], value[B0 + i] = at
+        value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], value[B0 + i] = at.x, at.y, at.cos, at.sin, at.b
         set_rollout(value, i, step(at, value[ONE + i], value[TWO + i], limits, dt))
 
 
@@ -165,10 +165,10 @@ def _wall_costs(value: Floats, n: int, decay: float, problem: ControlProblem) ->
 
 
 @inner_kernel
-def _comfort_costs(value: Floats, n: int, w: CostWeights) -> None:
-    """Add to SPENT what changes of the turn rate, or of the velocity without wheels, cost in a step."""
+def _comfort_costs(value: Floats, n: int, turn_change: float) -> None:
+    """Add to SPENT what changes of the turn rate cost in a step."""
     for i in range(n):
-        value[SPENT + i] += w.a_change * abs(value[A + i] - value[A0 + i]) + w.b_change * abs(value[B + i] - value[B0 + i])
+        value[SPENT + i] += turn_change * abs(value[B + i] - value[B0 + i])
 
 
 @inner_kernel
@@ -269,7 +269,7 @@ def _judge_abreast(sequences: Floats, problem: ControlProblem, limit: float, cos
         _commands(sequences, k, batch, n)
         drive(value, n, limits, dt)
         # What comfort, walls and obstacles cost in this step.
-        _comfort_costs(value, n, w)
+        _comfort_costs(value, n, w.turn_change)
         wall_distances(value, n, problem, w.wall_margin + w.wall_range)
         _wall_costs(value, n, decay, problem)
         if outlook.near[k] > 0:

@@ -92,8 +92,8 @@ class ControlOptions:
         behind an obstacle that drives or walks ahead of it and brakes at 2.2 m/s^2, or at the declared bound on changes of
         velocity if that is less. It is charged in mode "least-harm".
     comfort : float
-        s; cost of a change of the turn rate by its limit, or of the velocity without wheels by the top speed, however fast: it
-        keeps ants that win next to nothing by it from turning to and fro.
+        s; cost of a change of the turn rate of wheels by its limit, however fast. It keeps ants that gain next to nothing by it
+        from turning to and fro.
     search : str
         "ants" (ACO_R), or what it is compared with on the same rollouts and as many of them: "mppi" and "cem" (the
         cross-entropy method), which keep only a mean, or "random" (restarts around the seeds, without an archive).

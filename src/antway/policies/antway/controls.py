@@ -243,8 +243,7 @@ def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, task: Task, s
         follow=0.0 if strict else o.follow,
         stopping_time=robot.latency + robot.dt,
         stand=_STAND * o.off_plan * robot.v_max * robot.dt,
-        a_change=0.0 if robot.wheels else o.comfort / robot.v_max,
-        b_change=o.comfort / (robot.turn_rate if robot.wheels else robot.v_max),
+        turn_change=o.comfort / robot.turn_rate if robot.wheels else 0.0,
         swerve=assumed_swerve(task, "strict" if strict else "least-harm"),
     )
 
