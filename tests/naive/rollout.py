@@ -122,7 +122,7 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
     if arrived < math.inf:
         return cost - (len(controls) - 1 - arrived) * dt
     cost += afterwards_of(now, problem, math.exp(-w.decay * len(controls) * dt), harm)
-    return cost + max(value, to_go + w.ramps * lost_of(now, limits, field))
+    return cost + max(value, to_go + w.ramps * lost_of(now, limits, field)) + w.turn_change * abs(now[4])
 
 
 def _depth_behind(now: tuple[float, ...], course: np.ndarray, speed: float, problem: ControlProblem) -> float:

@@ -25,7 +25,6 @@ from antway.kernels.controls.problem import (
     TOLERANCE,
     Batch,
     ControlProblem,
-    CostWeights,
     StaticField,
     near_at,
 )
@@ -245,7 +244,7 @@ def _end(cost: Floats, n: int, k: int, left: int, decay: float, limit: float, pr
             if left == 0:
                 to_go = value[TO_GO + i]
                 lost = value[TURNING + i] + w.ramps * lost_time(at, to_go, field, limits)
-                total = value[SPENT + i] + max(value[VALUE + i], to_go + lost)
+                total = value[SPENT + i] + max(value[VALUE + i], to_go + lost) + w.turn_change * abs(at.b)
                 cost[mine] = math.inf
                 if total <= limit:
                     cost[mine] = total + cost_afterwards(at, problem, decay, batch.harm[mine], limit - total)

@@ -80,7 +80,7 @@ class CostWeights(NamedTuple):
     follow: float  # s/m; at the first step, for the depth of the robot's stop in the stop of an obstacle ahead of it
     stopping_time: float  # s; delay before a stop begins
     stand: float  # s; gained by a robot that stands after the first period, so that it does not move for less
-    turn_change: float  # s^2/rad; at each step, for each rad/s by which the turn rate changes; 0 without wheels
+    turn_change: float  # s^2/rad; for each rad/s by which the turn rate changes, until it is 0 in the end; 0 without wheels
     swerve: float  # m/s^2; bound on the change of obstacles' velocities, but where walls change them
 
 
