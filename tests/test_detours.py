@@ -175,6 +175,22 @@ def test_times_are_the_least_of_waits_and_detours() -> None:
     assert found.times[0][right] == pytest.approx(context.field[right], abs=0.1)  # around the disc in the doorway
 
 
+@pytest.mark.parametrize("clock", [0.0, -1e6, 1.7e9])
+def test_a_robot_that_is_cut_off_looks_for_detours_after_as_long_by_every_clock(clock: float) -> None:
+    """By a clock that began below 0 it used not to look for any."""
+    blocked = np.zeros((80, 80), np.bool_)
+    blocked[:, 40] = True
+    grid = Grid(blocked, 0.2)
+    context = make_context(grid, RobotSpec(), grid.cell_at((13.1, 4.1)))
+    found, estimates, looks = Detours(Moves.THIRTY_TWO, (context,)), np.zeros((1, 8)), []
+    estimates[0, (X, Y)] = 12.0, 4.0
+    for i in range(20):
+        t = clock + 0.25 * i
+        if found.update(estimates, np.full(1, t), t, (3.0, 4.0)) is not None:
+            looks.append(0.25 * i)
+    assert math.isinf(found.to_go) and looks and looks[0] == 3.0
+
+
 def test_a_robot_at_its_goal_looks_for_no_detours() -> None:
     """It may stand there for long, beside an obstacle that does as well."""
     context, estimates = make_context(two_doors(), load_robot("holonomic"), (20, 65)), np.zeros((1, 8))

@@ -59,7 +59,7 @@ class Detours:
         self._agreed = self._counted_at = 0.0  # s; when the plan and the times last agreed, and when these were last computed
         self._expected: set[tuple[float, float]] = set()  # the stays that `times` count with
         self.due, self.to_go, self._xy = -math.inf, math.inf, (0.0, 0.0)  # s; when the next scan is due, and the time to go
-        self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
+        self._nearest = self._since = math.inf  # s; the least time to the goal, and when the robot reached it or began
         # The times of the last two updates by the disc, the nodes, and those left out; they seldom change from one to the next.
         self._before: dict[tuple[float, tuple[int, int], bytes], Floats] = {}
         self._known: dict[tuple[float, tuple[int, int], bytes], Floats] = {}
@@ -89,6 +89,7 @@ class Detours:
             return self._expect(t, self.contexts)
         if to_go < self._nearest - _PROGRESS or to_go < _ARRIVED:
             self._nearest, self._since = to_go, t
+        self._since = min(self._since, t)
         if t - self._since < _STALLED - 1e-6:
             return None
         other = self.narrow if self.contexts is self.wide else self.wide
