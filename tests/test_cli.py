@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from antway import Grid, save_map
+from antway import Budget, Grid, Plan, Problem, save_map, solve
+from antway.baselines.replan import Follow
 from antway.cli import app, main
 from antway.console import episode_bar, print_table, status_of
 from antway.errors import BadInput, BadMap, BadParameter, BadResults, BadScenario, CellBlocked, OutOfBounds, TooLarge
@@ -483,3 +484,25 @@ def test_the_shell_completes_names(monkeypatch: pytest.MonkeyPatch) -> None:
         command = [sys.executable, "-c", "import sys; sys.argv[0] = 'antway'; from antway.cli import main; main()"]
         done = subprocess.run(command, env={**os.environ, **given}, capture_output=True, text=True, check=False)
         assert name in done.stdout.split(), (line, done.stdout, done.stderr)
+
+
+class Loud(Follow):
+    """Prints when it is made."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        print("hello from a policy")
+
+
+def loud(problem: Problem, *, seed: int, budget: Budget) -> Plan:
+    print("hello from a planner")
+    return solve(problem, "astar")
+
+
+def test_what_planners_and_policies_print_is_not_in_the_answer(antway: Any, room: Path, tmp_path: Path) -> None:
+    """With --json one object is on stdout, and nothing else."""
+    plan = "plan", room, "--cells", "--start", "10,2", "--goal", "10,24", "--planner", "test_cli:loud"
+    bench = "bench", "encounters", "--episodes", "1", "--policies", "test_cli:Loud", "--workers", "1", "--out", tmp_path / "b"
+    for command in (plan, bench):
+        status, out, err = antway(*command, "--json")
+        assert status == 0 and json.loads(out) and "hello" in err

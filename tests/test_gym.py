@@ -110,3 +110,10 @@ def test_a_velocity_that_is_not_measured_is_zero() -> None:
     env = CrossingEnv(scenario=replace(place, sensor=replace(place.sensor, velocity="none")))
     seen, _ = env.reset(seed=2)
     assert env.observation_space.contains(seen)
+
+
+def test_a_large_robot_gets_worlds_into_which_it_fits() -> None:
+    """As in suites, another world is drawn where it does not fit at both ends."""
+    environment = CrossingEnv(robot="amr")
+    for seed in range(40):
+        environment.reset(seed=seed)

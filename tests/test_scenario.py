@@ -22,7 +22,7 @@ from antway import (
 )
 from antway.kernels.robot.motions import first_inside
 from antway.scenes import ROUNDS, SCENES, scene
-from antway.world.motions import BackAndForth, Bounce, Line, Pursue, RandomWalk, Replay, Waypoints
+from antway.world.motions import MAX_KNOTS, BackAndForth, Bounce, Line, Pursue, RandomWalk, Replay, Waypoints
 from antway.world.scenario import save_scenario, to_toml
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
@@ -308,3 +308,12 @@ def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
         save_scenario(place, 5)  # type: ignore[arg-type]
     with pytest.raises(BadParameter, match="robot"):
         place.driven_by("diff")  # type: ignore[arg-type]
+
+
+def test_a_replay_of_too_many_knots_is_refused(hall: Path) -> None:
+    """It is not cut short, after which the obstacle would stand."""
+    t = np.arange(MAX_KNOTS + 1) * 1e-3
+    np.savetxt(hall.parent / "long.csv", np.column_stack((t, 1.0 + 1e-3 * t, np.full(len(t), 3.0))), delimiter=",", fmt="%.4f")
+    hall.write_text(hall.read_text() + '\n[[obstacles]]\nradius = 0.2\nmotion = "replay"\nfile = "long.csv"\n')
+    with pytest.raises(BadInput, match=r"points\.length"):
+        load_scenario(hall)

@@ -214,3 +214,13 @@ def test_export(file, tmp_path):
         export(rows, tmp_path / "r.xls")
     parquet = pytest.importorskip("pyarrow.parquet")
     assert parquet.read_table(export(rows, tmp_path / "r.parquet")).column("seed").to_pylist() == [one.seed for one in rows]
+
+
+def test_numbers_below_zero_and_names_of_odd_letters(tmp_path):
+    """Zero with a sign comes back as written; a name that is no text in UTF-8 is a typed error, and spoils nothing."""
+    with Results(tmp_path / "r.db") as results:
+        results.add(row(0, clearance=-0.0), None)
+        with pytest.raises(BadResults):
+            results.add(row(1, policy="\udce9"), None)
+    with Results(tmp_path / "r.db", write=False) as results:
+        assert [one.clearance for one in results.rows()] == [0.0]

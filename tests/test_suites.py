@@ -6,13 +6,14 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from antway import Grid, RobotSpec, Scenario, World, save_map
-from antway.arena.suites import SUITES, Chance, build, episodes, facts, load_suite, seed_of, stage
+from antway.arena.suites import SUITES, Chance, SuiteEpisode, build, episodes, facts, load_suite, seed_of, stage
 from antway.arena.synthetic import DENSITIES
 from antway.errors import BadInput, BadParameter, BadScenario
 from antway.tables import names
@@ -293,3 +294,17 @@ def test_a_recording_that_has_changed_is_read_again(tmp_path: Path) -> None:
         moves = [np.hypot(*np.diff(one.motion.arrays[1], axis=0).T) / 0.4 for one in scenario.world.obstacles]
         speeds.append(float(np.median(moves[0])))
     assert speeds == pytest.approx([1.0, 1.6])
+
+
+def test_a_map_that_is_turned_is_played(tmp_path: Path) -> None:
+    """Episodes need cells along the axes of the world."""
+    save_map(Grid(np.zeros((60, 80), dtype=bool), 0.2, (0.0, 0.0, 0.3)), tmp_path / "turned.yaml")
+    scenario = build(episodes(f"maps:{tmp_path / 'turned.yaml'}", 1)[0])
+    assert scenario.world.grid.origin[2] == 0.0 and scenario.world.obstacles
+
+
+def test_names_of_files_may_contain_what_separates_robots() -> None:
+    """Worlds of two maps differ although both names have " on " in them, and those of one are the same for every robot."""
+    one, other = (SuiteEpisode("", f"maps:people on {where}", "sparse", 0) for where in ("stairs", "ground"))
+    assert one.seed != other.seed
+    assert replace(one, suite=f"{one.suite} on amr", robot="amr").seed == one.seed

@@ -569,3 +569,21 @@ def test_a_page_that_lacks_more_than_a_frame_holds_gets_the_rest() -> None:
         if not session.is_behind:
             break
     assert rows == session.steps + 1
+
+
+def test_a_stop_close_to_a_wall_changes_nothing_but_the_stops() -> None:
+    """It may be clear of walls where the centre of its cell is not; the shortest path is drawn without its legs."""
+    session = Session()
+    session.apply({"op": "scene", "name": "office"})
+    (scene,) = session.apply({"op": "stop", "xy": [17.395, 1.043]})
+    assert scene["stops"] == [(17.395, 1.043)] and len(session.history) == 3
+    for op in ("reset", "undo", "redo"):
+        assert session.apply({"op": op})[0]["kind"] == "scene"
+
+
+def test_start_and_goal_of_a_map_have_a_path_between_them() -> None:
+    """Rooms that touch at a corner alone are two."""
+    rooms = "......@@@@@@\n" * 5 + "@@@@@@......\n" * 5
+    session = Session()
+    session.apply({"op": "open", "files": [{"name": "rooms.txt", "data": base64.b64encode(rooms.encode()).decode()}]})
+    assert session.describe()["shortest"]

@@ -141,7 +141,8 @@ def plan_command(
         return commands.plan_front(problem, grid, radius, None if spec is None else spec.v_max, obstacles, seed, out, json)
     if obstacles is not None:
         raise BadParameter("obstacles", obstacles, "left out without --pareto")
-    with working("planning"), faults_named(planner):
+    # Here and below: what planners and policies print does not belong to the answer on stdout.
+    with working("planning"), faults_named(planner), redirect_stdout(sys.stderr):
         if planner in PLANNERS:  # kernels are loaded, and compiled once on a machine, before the clock of the search starts
             solve(small_problem(rule), planner)
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
@@ -198,7 +199,7 @@ def run_command(
             from antway.world.robots import load_robot
 
             place = place.driven_by(load_robot(robot))
-        with redirect_stdout(sys.stderr):  # what policies print does not belong to the answer on stdout
+        with redirect_stdout(sys.stderr):
             result = run(place, policy, seed=seed)
         if out is not None:
             numbers = write_episode(result, out)
@@ -242,7 +243,8 @@ def demo_command(
         def progress(name: str, what: str) -> None:
             status.update(escape(f"{name}: {what}"))
 
-        rows = list(run_demo(out, policies=shown, seed=seed, on_progress=progress))
+        with redirect_stdout(sys.stderr):
+            rows = list(run_demo(out, policies=shown, seed=seed, on_progress=progress))
     rows.sort(key=lambda row: SHIPPED_SCENES.index(row[0]))
     if json:
         print_json({"episodes": [numbers for _, numbers in rows], "out": str(out)})
@@ -308,7 +310,7 @@ def bench_command(
         raise BadParameter("export", tables, "csv and json, or install pyarrow (the extra `arena`)")
     cores = os.cpu_count() or 1 if workers is None else workers
     engines.check_engine(engine, cores, timeout)
-    with working("preparing"):
+    with working("preparing"), redirect_stdout(sys.stderr):
         jobs = engines.table_jobs(episodes_of(suite, episodes, robot or ""), names)
     with writing("out", out):
         out.mkdir(parents=True, exist_ok=True)

@@ -6,8 +6,10 @@ import json
 import math
 import re
 import shutil
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
+from contextlib import redirect_stdout
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -159,7 +161,8 @@ def write_rounds(name: str, policy: str, seed: int | None, folder: Path) -> dict
     """Play a scene with stops; write its figure, replay page, trace and summary, and return the summary."""
     from antway.view.replay import write_replay
 
-    result = run(load_scenario(name), policy, seed=seed)
+    with redirect_stdout(sys.stderr):
+        result = run(load_scenario(name), policy, seed=seed)
     numbers = write_record(result, folder)
     write_replay(_trace(result), folder / "replay.html")
     return numbers
@@ -250,7 +253,8 @@ def run_demo(
 
 def _play(policies: Sequence[str], seed: int | None) -> dict[tuple[str, str], EpisodeResult]:
     """Play every scene with each policy."""
-    return {(name, policy): run(load_scenario(name), policy, seed=seed) for policy in policies for name in SCENES}
+    with redirect_stdout(sys.stderr):  # stdout is for the answer of the command line
+        return {(name, policy): run(load_scenario(name), policy, seed=seed) for policy in policies for name in SCENES}
 
 
 def _trace(result: EpisodeResult) -> Trace:

@@ -26,6 +26,8 @@ def writing(field: str, path: str | PathLike[str], suffixes: Sequence[str] = ())
         yield target
     except OSError as fault:
         raise BadParameter(field, str(path), f"a path that can be written to ({fault.strerror or fault})") from None
+    except UnicodeEncodeError as fault:
+        raise BadParameter(field, str(path), f"a place for text in UTF-8 ({fault})") from None
 
 
 def check_target(field: str, path: str | PathLike[str], suffixes: Sequence[str] = ()) -> Path:

@@ -51,7 +51,7 @@ def paper() -> Suite:
 
 def maps(file: str) -> Suite:
     """Return discs that bounce about on the map in `file`, and a robot that crosses its largest connected part."""
-    grid = load_map(file)
+    grid = load_map(file).turned()
     inflated = grid.inflate(ROBOT.radius + grid.resolution)
     rooms, _ = scipy.ndimage.label(~inflated.blocked)
     sizes = np.bincount(rooms[~inflated.blocked], minlength=2)

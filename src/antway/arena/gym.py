@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.arena.suites import Chance, load_suite
+from antway.arena.suites import drawn, load_suite
 from antway.errors import BadParameter
 from antway.kernels.base.geometry import first_wall
 from antway.lazy import drawing
@@ -104,13 +104,11 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
         super().reset(seed=seed)
         group = self.groups[int(self.np_random.integers(len(self.groups)))]
         number = int(self.np_random.integers(2**63))
-        scenario = self.scenario
-        if scenario is None:
-            scenario = self.suite.make(group, Chance(number))
+        if self.scenario is None:
+            scenario = drawn(self.suite, group, number, self.robot)
         else:
-            group = scenario.name
-        if self.robot is not None:
-            scenario = scenario.driven_by(self.robot)
+            group = self.scenario.name
+            scenario = self.scenario if self.robot is None else self.scenario.driven_by(self.robot)
         self.stage, self.picture = Stage(scenario, number, scenario.horizon), None
         self._display()
         return self._observe(self.stage), {"group": group, "seed": number}

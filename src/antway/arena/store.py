@@ -54,7 +54,7 @@ class Row:
     def __post_init__(self) -> None:
         for f in fields(self):
             if f.type == "float":
-                object.__setattr__(self, f.name, float(getattr(self, f.name)))
+                object.__setattr__(self, f.name, float(getattr(self, f.name)) + 0.0)  # SQLite knows no -0.0
 
     @property
     def key(self) -> Key:
@@ -216,10 +216,10 @@ class Results:
 
     @contextmanager
     def _refusals(self) -> Iterator[None]:
-        """Turn errors of SQLite into `BadResults`."""
+        """Turn errors of SQLite, and of names that are no text in UTF-8, into `BadResults`."""
         try:
             yield
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeEncodeError) as error:
             raise self._bad(f"a results file that can be used; SQLite says: {error}") from None
 
     def _bad(self, allowed: str) -> BadResults:

@@ -24,7 +24,7 @@ from antway.tables import OF_FILES, SUITES, names
 from antway.world.line_of_sight import goal_of_cells
 from antway.world.motions import Pursue
 from antway.world.policy import Task
-from antway.world.robots import ROBOTS, load_robot
+from antway.world.robots import ROBOTS, RobotSpec, load_robot
 from antway.world.scenario import Scenario
 from antway.world.terrain import terrain_of
 
@@ -102,7 +102,12 @@ class SuiteEpisode:
     @property
     def seed(self) -> int:
         """The seed of all randomness: world, sensor and policy."""
-        return seed_of(self.suite.partition(_ON)[0], self.group, self.number)
+        return seed_of(self.own_suite, self.group, self.number)
+
+    @property
+    def own_suite(self) -> str:
+        """The name of the suite without that of the robot."""
+        return self.suite.rpartition(_ON)[0] if self.robot else self.suite
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,18 +185,23 @@ def build(episode: SuiteEpisode) -> Scenario:
     BadParameter
         If there is none among a hundred.
     """
-    make = _suite(episode.spec, episode.suite.partition(_ON)[0]).make
-    scenario = make(episode.group, Chance(episode.seed))
-    if not episode.robot:
+    suite = _suite(episode.spec, episode.own_suite)
+    return drawn(suite, episode.group, episode.seed, load_robot(episode.robot) if episode.robot else None)
+
+
+def drawn(suite: Suite, group: str, seed: int, robot: RobotSpec | None) -> Scenario:
+    """Return the scenario that is drawn from a seed, or the first that a larger robot fits into; it raises as `build` does."""
+    scenario = suite.make(group, Chance(seed))
+    if robot is None:
         return scenario
-    robot, own = load_robot(episode.robot), scenario.robot
+    own = scenario.robot
     for attempt in range(_TRIES):
         with suppress(CellBlocked):
             driven = scenario.driven_by(robot)
             if robot.radius <= own.radius or _connected(driven):
                 return driven
-        scenario = make(episode.group, Chance(seed_of(episode.seed, attempt)))
-    raise BadParameter("robot", episode.robot, f"a robot that has room in {episode.name}; its radius is {robot.radius:g} m")
+        scenario = suite.make(group, Chance(seed_of(seed, attempt)))
+    raise BadParameter("robot", robot, f"a robot that has room in a world of {group}; its radius is {robot.radius:g} m")
 
 
 def _connected(scenario: Scenario) -> bool:

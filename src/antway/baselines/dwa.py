@@ -85,7 +85,7 @@ class Dwa(Follow):
         speed = robot.v_max * np.arange(1, self.speeds + 1) / self.speeds
         self.circles = np.outer(speed, np.exp(1j * angle)).ravel()
         self.limits, self.terrain = robot.limits, terrain_of(task.grid)
-        self.periods = math.ceil(self.horizon / robot.dt - 1e-9)
+        self.periods = math.ceil(min(self.horizon / robot.dt, 1000.0) - 1e-9)
         self.rolls = robot.wheels and not robot.stepwise
         vel, margin = (0.25, 0.1) if self.rolls else (1.1, 0.2)
         self.speed_weight = vel if self.vel is None else self.vel

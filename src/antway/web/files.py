@@ -149,7 +149,7 @@ def task_on(grid: Grid, name: str) -> Scenario:
 
     robot = RobotSpec(radius=min(0.3, 0.3 * grid.resolution) if grid.resolution >= 1.0 else 0.25)
     free = ~grid.inflate(robot.radius).blocked
-    parts, count = label(free, np.ones((3, 3), dtype=np.int64))
+    parts, count = label(free)
     if count == 0:
         raise BadMap("map", name, f"one on which a robot of {robot.radius:g} m radius can stand")
     cells = np.argwhere(parts == np.argmax(np.bincount(parts.ravel())[1:]) + 1)

@@ -164,8 +164,9 @@ class Session(Tab):
         order = () if tour is None else tour.turns[0].order
         places = [scenario.start, *(scenario.stops[stop].at for stop in order), scenario.goal]
         cells = [inflated.cell_at(place) for place in places]
-        legs = [solve(Problem(inflated, a, b), "jps").xy(inflated).tolist() for a, b in pairwise(cells) if inflated.is_free(b)]
-        return [point for leg in legs for point in leg]
+        # The centre of a cell may be too near to a wall, although a stop in it is not.
+        legs = [(a, b) for a, b in pairwise(cells) if inflated.is_free(a) and inflated.is_free(b)]
+        return [point for a, b in legs for point in solve(Problem(inflated, a, b), "jps").xy(inflated).tolist()]
 
     def _set_up(self, scenario: Scenario, policies: tuple[str, ...]) -> None:
         """Restart with these; if that is refused, nothing changes."""

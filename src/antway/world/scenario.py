@@ -224,7 +224,7 @@ def _read_csv(file: Path, name: str, where: str) -> NDArray[np.float64]:
             text = io.TextIOWrapper(lines, encoding="utf-8-sig")
             first = text.readline()
             rows = text if first.replace(" ", "").strip().lower() == "t,x,y" else chain((first,), text)
-            return np.loadtxt(rows, delimiter=",", ndmin=2, max_rows=MAX_KNOTS)
+            return np.loadtxt(rows, delimiter=",", ndmin=2, max_rows=MAX_KNOTS + 1)
         except ValueError as error:
             raise BadScenario(name, str(error), "CSV lines t,x,y in s and m", where=where) from None
 

@@ -274,7 +274,7 @@ class _Reader:
         def optional(key: str, read: Callable[[str, Any], T]) -> T | None:
             return None if parts.get(key) is None else read(f"{name}.{key}", parts[key])
 
-        step = checks.integer(f"{name}.step", parts["step"], low=0, high=rows, where=self.where)
+        step = checks.integer(f"{name}.step", parts["step"], low=0, high=rows - 1, where=self.where)
         return step, Decision(
             **{key: self.text(f"{name}.{key}", parts[key]) for key in _TEXTS},  # type: ignore[arg-type]
             **{key: self.real(f"{name}.{key}", parts[key]) for key in _NUMBERS},  # type: ignore[arg-type]
