@@ -32,7 +32,7 @@ from antway.policies.paper.local_target import local_target
 from antway.scenes import SCENES, scene
 from antway.view.moments import moments, shortest
 from antway.world.motions import BackAndForth, Bounce, Line
-from antway.world.policy import Observation, Tracks
+from antway.world.policy import Observation, Task, Tracks
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import cases
@@ -331,3 +331,15 @@ def test_places_of_tracks_that_are_gone_are_forgotten() -> None:
     assert 10 <= len(policy.places) <= 12
     ahead = policy._look(Observation(20.0, (1.0, 2.0), (0.0, 0.0), 0.0, Tracks([3], [[2.0, 1.0]], unknown, [0.2])))
     assert ahead.velocity.tolist() == [[0.0, 0.0]]
+
+
+def test_tracks_of_a_scan_without_a_time_are_met() -> None:
+    """Tracks that come with the stamp of no scan yet count as seen now."""
+    policy = make_policy("paper")
+    policy.reset(Task(Grid(np.zeros((40, 120), bool), 0.1), RobotSpec(), (1.0, 2.0), (11.0, 2.0)), 0)
+    xy, nearest, stands = (1.0, 2.0), math.inf, Tracks([1], [[6.0, 2.0]], [[0.0, 0.0]], [0.3])
+    for k in range(80):
+        command = policy.act(Observation(0.1 * k, xy, (0.0, 0.0), 0.0, stands, stamp=-math.inf if k > 3 else math.nan))
+        xy = xy[0] + 0.1 * command.velocity[0], xy[1] + 0.1 * command.velocity[1]
+        nearest = min(nearest, math.dist(xy, (6.0, 2.0)) - 0.6)
+    assert nearest > 0.0

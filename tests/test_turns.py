@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from antway import Grid, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
+from antway import Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
 from antway.kernels.base.records import RobotState
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import NearObstacle
@@ -236,3 +236,19 @@ def test_who_is_faster_than_declared_is_not_expected_to_slow_down() -> None:
         segments = np.array([[0.0, 9.0, 2.0, 0.0, -seen, 0.0, 0.6, 0.6]])
         look_ahead(segments, np.zeros((1, 2)), 0.0, 0.1, at, SpeedBounds(1.0, 1.0, 1.0, growth), margins, 0.0, outlook)
         assert outlook.near[9] == 1 and outlook.disc[9, 0, COLUMN["speed"]] == pytest.approx(bound)
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_a_scan_that_is_known_for_several_cycles_is_one(every: int) -> None:
+    """Trackers that say of a new track that it stands, until its second scan, make no turns of it."""
+    tracker, terrain, out = Tracker(), terrain_of(Grid(np.zeros((200, 200), bool), 0.1)), np.zeros((256, 4))
+    for n in range(60):
+        t, scan = 0.1 * n, 0.1 * every * (n // every)
+        age = np.array([scan - 0.6 * k for k in range(10) if scan >= 0.6 * k - 1e-9])
+        moves = np.where(age < 0.1 * every - 1e-9, 0.0, 1.0)
+        places, velocities = np.column_stack((2.0 + age, 2.0 + np.arange(len(age)))), np.column_stack((moves, 0.0 * moves))
+        tracks = Tracks(np.arange(len(age)), places, velocities, np.full(len(age), 0.25))
+        seen = tracker.corrected(Observation(t, (15.0, 15.0), (0.0, 0.0), 0.0, tracks, stamp=scan))
+        tracker.update(seen.tracks, scan, terrain, (15.0, 15.0), 30.0)
+        tracker.compare(scan, terrain, out)
+    assert tracker.turns[0] == 0.0

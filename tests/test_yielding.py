@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from antway import Grid, Moves, Scenario, World
+from antway import Grid, Moves, RobotSpec, Scenario, World
+from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import make_state
+from antway.kernels.robot.motion import drive_cycle
 from antway.kernels.tracking.predict import ID, RADIUS, X, Y
 from antway.policies.antway import yielding
 from antway.policies.antway.detours import Detours
@@ -133,3 +135,24 @@ def test_two_who_go_to_and_fro_before_one_another_stand_for_different_times() ->
     times = [stands(seed) for seed in range(4)]
     assert all(2.0 < one[0] < 5.0 and len(one) >= 10 for one in times) and len({len(one) for one in times}) > 1
     assert stands(0) == times[0] and stands(0, passes=1.0) == stands(0, hurries=1.0) == []
+
+
+def test_a_robot_gives_way_out_of_a_corridor_that_leaves_no_margin() -> None:
+    """What it plans with has a path from where it stands, not from where the episode began: there is no margin here."""
+    walls, middle = np.ones((60, 200), dtype=bool), 30.5 * 0.05
+    walls[5:55, 3:60] = walls[5:55, 140:197] = False
+    walls[25:36, 60:140] = False  # 0.55 m wide
+    robot = RobotSpec(radius=0.25, drive="differential", a_max=1.0)
+    policy = AntwayPolicy()
+    policy.reset(Task(Grid(walls, 0.05), robot, (1.5, middle), (8.5, middle)), 0)
+    state, other = RobotState(4.5, middle, 0.0, 0.0, 0.0), 5.4
+    for k in range(250):
+        place, velocity = state[:2], (state.a * math.cos(state.theta), state.a * math.sin(state.theta))
+        near = math.dist(place, (other, middle)) < 0.85
+        comes = Tracks([1], [[other, middle]], [[0.0 if near else -0.5, 0.0]], [0.25])
+        seen = Observation(0.1 * k, place, velocity, state.theta, comes, turn_rate=state.b)
+        state = drive_cycle(state, *policy.act(seen).acts(seen, robot), robot.limits, 0.1)
+        other -= 0.0 if near else 0.05
+        if state.x < 2.7:
+            break
+    assert state.x < 2.7

@@ -61,7 +61,7 @@ def velocity_changes(table: Table, turns: Floats, estimates: Floats, terrain: Te
                 if change > _TURN:
                     turns[TURNS] += 1.0
                     turns[SUM] += change
-        row[_SCANS] = 1.0 if is_new else row[_SCANS] + 1.0
+        row[_SCANS] = 1.0 if is_new else row[_SCANS] + (1.0 if t > row[SEEN] else 0.0)  # a scan may be known for several cycles
         row[SEEN], row[_X], row[_Y], row[_VX], row[_VY] = t, estimates[k, X], estimates[k, Y], vx, vy
 
 

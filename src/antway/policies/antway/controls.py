@@ -102,10 +102,12 @@ class ControlColony:
 
     def set_response(self, robot: RobotSpec) -> None:
         """Drive from now on the same robot with another latency or other accelerations."""
+        spread = self.margins.margin - self.options.margin
         self.robot = robot
         weights = _weights(self.options, robot, self.slowness, self.task, self.strict)
         self.problem = self.problem._replace(limits=finite_limits(robot), weights=weights)
         self.margins, self.bounds = self._by_response()
+        self.set_spread(spread)
         if self.task.stay > 0.0:
             self._stand_at_goal()
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadParameter
+from antway.errors import BadParameter, CellBlocked
 from antway.grid import Grid, Moves
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import CONTACT_RADIUS
@@ -174,11 +174,16 @@ class AntwayPolicy:
         self.state = replace(states.carried_on(new, old), response=old.response, **own)
         self._suit_response(t)
 
-    def _made(self, task: Task, seed: int, response: Response, heading: float) -> State:
-        """Return the state of an episode at its start."""
+    def _made(self, task: Task, seed: int, response: Response, heading: float, place: XY | None = None) -> State:
+        """Return the state of an episode at its start, or of one that goes on with the robot at `place`, m."""
         robot, controls, horizon, tracker = task.robot, None, 0.0, Tracker(self.mode == "strict")
         fine = task if robot.stepwise else with_fine_cells(task)
-        (context, kept), narrow = contexts_for(fine, self.moves, heading)
+        try:
+            (context, kept), narrow = contexts_for(replace(fine, start=place or fine.start), self.moves, heading)
+        except CellBlocked:
+            if place is None:
+                raise
+            (context, kept), narrow = contexts_for(fine, self.moves, heading)
         context, radius = (narrow[0], narrow[0].radius) if narrow else (context, robot.radius)
         settings = make_settings(self, task, radius)
         paces = states.full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
@@ -210,10 +215,10 @@ class AntwayPolicy:
             detours=Detours(self.moves, (context,) if controls is None else (context, kept), narrow, horizon),
         )
 
-    def _compute_anew(self, t: float, task: Task, at_once: int | None = None) -> None:
+    def _compute_anew(self, t: float, task: Task, at_once: int | None = None, place: XY | None = None) -> None:
         """Go on with another task, or another robot or heading."""
         self._outdated = False
-        self._compute(t, partial(self._made, task, self._state.seed, self._state.response, self._heading), at_once)
+        self._compute(t, partial(self._made, task, self._state.seed, self._state.response, self._heading, place), at_once)
 
     def _compute(self, t: float, work: Callable[[], State | Counted], at_once: int | None = None) -> None:
         """Compute another state, or other times to the goal, beside the control cycles where the map is large."""
@@ -320,7 +325,7 @@ class AntwayPolicy:
         if busy:
             return
         if (task := s.yielding.next_task(s.task, s.detours, t, o.xy)) is not s.task:
-            self._compute_anew(o.t, task)
+            self._compute_anew(o.t, task, place=o.xy)
         elif counted is not None:
             self._compute(o.t, partial(states.other_times, s, counted))
 

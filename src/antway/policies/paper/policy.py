@@ -216,7 +216,8 @@ class PaperPolicy:
 
     def _look(self, seen: Observation) -> Ahead:
         """Predict the range of motion of every track; a missing velocity is that between its last two places, or none."""
-        tracks, velocity, now = seen.tracks, seen.tracks.velocity.copy(), seen.sensed_at
+        tracks, velocity = seen.tracks, seen.tracks.velocity.copy()
+        now = seen.sensed_at if seen.sensed_at > -math.inf else seen.t
         self.places = {number: place for number, place in self.places.items() if now - place[0] <= _REMEMBERED}
         for k, (number, (x, y)) in enumerate(zip(tracks.id.tolist(), tracks.xy.tolist())):
             t, px, py, vx, vy = self.places.get(number, (now, x, y, 0.0, 0.0))
@@ -226,7 +227,7 @@ class PaperPolicy:
                 velocity[k] = (vx, vy) if number >= 0 else (0.0, 0.0)
             self.places[number] = now, x, y, vx, vy
         discs = np.column_stack((tracks.xy, velocity, tracks.radius))
-        tubes = Tubes.predict(seen.t, seen.sensed_at, discs, self.routes.task.grid, 2 * self.lookahead)
+        tubes = Tubes.predict(seen.t, now, discs, self.routes.task.grid, 2 * self.lookahead)
         inflated = margin = self.margin + (self.spec.v_max * self.spec.stop_time / 2 if self.routes.stops else 0.0)
         if len(tracks):
             gaps = np.hypot(tracks.xy[:, 0] - seen.xy[0], tracks.xy[:, 1] - seen.xy[1]) - tracks.radius - self.spec.radius
