@@ -29,6 +29,7 @@ from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Line, RandomWalk
 from antway.world.policy import Task
 from antway.world.robots import load_robot
+from antway.world.rollouts import finite_limits
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import cases, costly, judge
@@ -565,3 +566,12 @@ def test_robots_do_not_turn_to_and_fro_for_nothing() -> None:
             assert result.reached and result.trace is not None
             restless[comfort] += float(np.abs(np.diff(result.trace.turn_rate)).sum())
     assert restless[0.02] < 0.7 * restless[0.0]
+
+
+def test_rollouts_of_robots_that_turn_very_fast_stay_on_the_map() -> None:
+    """In a period the robot of a rollout turns by half a turn at most, for which its sine and cosine are good enough."""
+    limits = finite_limits(RobotSpec(drive="differential", turn_rate=1e6))
+    at = motion_state(RobotState(0.0, 0.0, 0.0, 0.0, 0.0))
+    for _ in range(30):
+        at = step(at, 1.0, 1e6, limits, 0.1)
+    assert math.hypot(at.x, at.y) <= 3.1 and math.hypot(at.cos, at.sin) == pytest.approx(1.0, abs=0.2)

@@ -321,3 +321,8 @@ def test_a_start_with_as_many_jump_points_as_can_be() -> None:
         check_plan(problem, plan)
         assert plan.length == dijkstra(problem).length
         assert (whole[rows:] == -7).all() and (whole[: 2 * n] != -7).any()
+
+
+def test_no_jump_is_longer_than_costs_in_32_bits() -> None:
+    """A jump along a very long map could lead far beyond the goal; there the search moves cell by cell."""
+    assert jumps_pay(Grid(np.zeros((1, 2**18), dtype=bool))) and not jumps_pay(Grid(np.zeros((1, 2**18 + 1), dtype=bool)))

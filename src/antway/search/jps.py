@@ -36,8 +36,11 @@ def jumps_pay(grid: Grid) -> bool:
     """Tell whether jumps are at least as fast as single moves, which they are not on large maps with many isolated cells.
 
     On such maps every jump stops after a few cells, while diagonals are long, and beyond about a million cells the lines that
-    diagonals look along no longer fit into the cache.
+    diagonals look along no longer fit into the cache. Nor are they used on maps of more than 2^18 rows or columns, on which a
+    jump could be too long for costs in 32 bits.
     """
+    if max(grid.shape) > 1 << 18:
+        return False
     return grid.blocked.size <= 1 << 20 or kept(grid, "isolated", lambda: _isolated(grid)) < 0.1
 
 

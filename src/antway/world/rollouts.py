@@ -39,9 +39,12 @@ _OBSTACLES = 64  # limit of obstacles that an outlook holds at one step
 
 
 def finite_limits(robot: RobotSpec) -> RobotLimits:
-    """Return the robot's limits, with finite numbers in place of infinite ones."""
+    """Return the robot's limits, with finite numbers in place of infinite ones, and at most half a turn in a period."""
     return robot.limits._replace(
-        a_max=min(robot.a_max, _FAST), brake_max=min(robot.braking, _FAST), alpha_max=min(robot.alpha_max, _FAST)
+        a_max=min(robot.a_max, _FAST),
+        brake_max=min(robot.braking, _FAST),
+        alpha_max=min(robot.alpha_max, _FAST),
+        turn_rate=min(robot.turn_rate, math.pi / robot.dt),
     )
 
 

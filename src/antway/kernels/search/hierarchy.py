@@ -146,7 +146,7 @@ def contract(m: Memory, steps: int) -> int:
         if m.state[OPEN] > 0 and priority > m.order[0, 0]:
             m.state[OPEN] = push(m.order, m.state[OPEN], priority, x)
             continue
-        if m.state[USED] + 2 * needed > m.edges.shape[0]:
+        if m.state[USED] + n * (n - 1) > m.edges.shape[0]:  # more may be needed than counted: edges that are added hide paths
             m.state[OPEN] = push(m.order, m.state[OPEN], -1, x)
             return FULL
         shortcuts(m, x, True)

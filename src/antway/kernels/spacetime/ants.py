@@ -192,7 +192,7 @@ def _weigh(
             n += 1
     trail = edge(trails, int(base), 0, now)
     for m in range(n):
-        likely = float(_EXP[min(int(max(beta * (cost[m] - promised), 0.0) * 64.0), 1023)])
+        likely = float(_EXP[int(min(max(beta * (cost[m] - promised), 0.0) * 64.0, 1023.0))])
         if has_pheromone:
             i = slot(trails, trail + move[m])
             likely *= 1.0 + float(trails.tau[i]) if i >= 0 and trails.key[i] >= 0 else 1.0

@@ -67,7 +67,7 @@ def missing_clearance(s: Surroundings, x: float, y: float, need: float) -> float
     nearest: float = min(min(x, cols * s.resolution - x), min(y, rows * s.resolution - y))
     if nearest <= 0.0:
         return need - nearest
-    i, j = int(y / s.resolution), int(x / s.resolution)
+    i, j = min(int(y / s.resolution), rows - 1), min(int(x / s.resolution), cols - 1)  # a quotient may be rounded up
     off = math.hypot(x - (j + 0.5) * s.resolution, y - (i + 0.5) * s.resolution)
     if s.clearance[i, j] - off >= need:
         return 0.0
