@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -14,17 +15,21 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from antway import BadParameter, Grid, Plan, Problem, Scenario, Status, World, load_map, plan, run, smooth
+from antway import BadParameter, Grid, Plan, Problem, Scenario, Status, World, load_map, plan, plan_tour, run, smooth
 from antway.ants.gridpath import explore
 from antway.ants.tsp import Tsp, solve_tsp
 from antway.arena.store import Row
 from antway.arena.summary import summarise
 from antway.view import animation, charts, colonies, diagrams, drives, figures
 from antway.view.animation import CAPTION, LEGEND, write_animation
+from antway.view.notebook import pixels
 from antway.view.replay import write_replay
+from antway.view.rounds import rounds_figure
 from antway.view.style import BLUE, RED, TEAL
+from antway.view.tours import plan_tour_figure
 from antway.world.motions import Line
 from antway.world.robots import load_robot
+from antway.world.stops import Stop
 from antway.world.world import Obstacle
 from sample import sample_trace
 
@@ -197,6 +202,30 @@ def test_what_cannot_be_written_is_one_error_with_its_field(tmp_path: Path) -> N
 def test_names_with_signs_of_formulas_are_drawn_as_they_are() -> None:
     """A reason with a dollar sign is no formula."""
     figures.moment_figure(sample_trace(30, 1, reason="costs $5 and $x^{$"), 12, title="Money").canvas.draw()
+
+
+def test_titles_and_rows_with_signs_of_formulas_are_drawn_as_they_are() -> None:
+    """Names of scenarios, instances, stops, policies and levels with dollar signs are no formulas, not even wrong ones."""
+    name = r"$\frac$ of $5_ and \$6^"
+    stops = (Stop((4.0, 3.0), name),)
+    grid = TRACE.task.grid
+    five = Tsp([(0, 0), (0, 2), (2, 2), (2, 0), (1, 0)], name=name)
+    rows = [Row("s", f"{name}-0", name, 0, "1", f"x/{name}", "reached", "", 10.0, bound=10.0)]
+    drawn = [
+        figures.plan_figure(grid, PATH, title=name),
+        figures.moment_figure(TRACE, 40, title=name),
+        figures.final_figure(TRACE, title=name),
+        figures.tour_figure(five, solve_tsp(five, cycles=3)),
+        rounds_figure(run(Scenario(World(grid), (1.0, 1.0), (1.0, 1.0), stops=stops), "follow").trace),
+        plan_tour_figure(plan_tour(grid, (1.0, 1.0), [(4.0, 3.0)], names=[name], windows=[(0.0, 90.0)], seconds=0.1)),
+        charts.success_figure(summarise(rows)),
+        charts.time_ratio_figure(rows),
+    ]
+    for figure in drawn:
+        figure.canvas.draw()
+        texts = [text for text in figure.findobj(Text) if "frac" in text.get_text()]
+        assert texts and all(text._preprocess_math(text.get_text())[0].count(name) == 1 for text in texts)
+    assert pixels(replace(TRACE, scenario=name), 40).shape[2] == 3, "what is drawn outside the common style too"
 
 
 def test_an_animation_shows_the_whole_episode(tmp_path: Path) -> None:

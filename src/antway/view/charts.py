@@ -38,8 +38,8 @@ def success_figure(table: Sequence[Summary]) -> Figure:
         bars = np.maximum([share - low, high - share], 0.0)
         look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "markersize": 5}
         axes.errorbar(x, share, yerr=bars, capsize=2.5, elinewidth=1.0, **look)
-        axes.plot([], [], label=policy, **look)
-    axes.set_xticks(range(len(levels)), [level or "all" for level in levels])
+        axes.plot([], [], label=style.plain(policy), **look)
+    axes.set_xticks(range(len(levels)), [style.plain(level or "all") for level in levels])
     if sum(map(len, levels)) > 48:  # letters that fit side by side
         axes.tick_params("x", rotation=25)
     axes.set(xlabel="level", ylabel="reached (%)", title="Episodes in which the goal was reached")
@@ -69,7 +69,7 @@ def time_ratio_figure(rows: Sequence[Row]) -> Figure:
         share = 100 * np.arange(1, len(ratio) + 1) / len(mine)
         most = max(most, float(np.percentile(ratio, 98)) if len(ratio) else 1.0)
         x, y = np.concatenate(([0.0], ratio, [1e9])), np.concatenate(([0.0], share, share[-1:] if len(share) else [0.0]))
-        axes.step(x, y, where="post", color=colour, linestyle=dash, linewidth=1.8, label=policy)
+        axes.step(x, y, where="post", color=colour, linestyle=dash, linewidth=1.8, label=style.plain(policy))
     axes.set(xlabel="time / optimum", ylabel="episodes (%)", title="Time over the clairvoyant optimum")
     axes.set(xlim=(0.95, 1.05 * most + 0.05), ylim=(-3, 103))
     style.graph(axes, below=True)

@@ -60,7 +60,7 @@ def plan_figure(
         ends = ends or (xy[0], xy[-1])
     if ends is not None:
         draw_ends(axes, *ends)
-    axes.set_title(title)
+    axes.set_title(style.plain(title))
     return style.legend_below(axes)
 
 
@@ -89,7 +89,7 @@ def moment_figure(
     axes = style.figure(*style.map_size(trace.task.grid, extra=1.6)).subplots()
     _draw_moment(axes, trace, step, path, pheromone)
     decision = trace.decision_at(step)
-    axes.set_title(f"{title}  (t = {trace.t[step]:.1f} s)")
+    axes.set_title(style.plain(f"{title}  (t = {trace.t[step]:.1f} s)"))
     if caption is None and decision is not None:
         caption = f"{decision.action.replace('-', ' ')}: {in_words(decision.reason)}"
     if caption is not None:
@@ -116,7 +116,7 @@ def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final 
     axes.plot(*marks.T, "o", color="white", markeredgecolor=style.BLUE, markersize=4, label="every 5 s", zorder=4.5)
     _draw_stops(axes, trace)
     draw_ends(axes, trace.task.start, trace.task.goal)
-    axes.set_title(f"{title}: {trace.outcome.value.replace('-', ' ')}")
+    axes.set_title(style.plain(f"{title}: {trace.outcome.value.replace('-', ' ')}"))
     return style.legend_below(axes, columns=3)
 
 
@@ -174,7 +174,7 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
     *left, right = fig.subplots(1, 2 if mapped else 1, squeeze=False, width_ratios=(1.35, 1) if mapped else None)[0]
     for axes in left:
         _draw_cities(axes, instance, tour)
-        axes.set_title(title or instance.name)
+        axes.set_title(style.plain(title or instance.name))
         axes.spines[["top", "right"]].set_visible(False)
     _draw_lengths(right, tour)
     return fig
@@ -349,5 +349,5 @@ def _disc(axes: Axes, centre: NDArray[np.float64], radius: float, colour: str, *
 
 
 def _wrapped(text: str) -> str:
-    """Return a text on at most two lines, without characters that Matplotlib would interpret as a formula."""
-    return "\n".join(textwrap.wrap(text, 90, max_lines=2, placeholder=" ...")).replace("$", r"\$")
+    """Return a text on at most two lines, which Matplotlib shows as it is."""
+    return style.plain("\n".join(textwrap.wrap(text, 90, max_lines=2, placeholder=" ...")))

@@ -125,7 +125,7 @@ def draw_visit(axes: Axes, row: int, times: Sequence[float], colour: str, *, lat
 
 def finish_schedule(axes: Axes, labels: Sequence[str]) -> None:
     """Name the rows of a schedule, and remove its frame but for the axis of time."""
-    axes.set_yticks(range(len(labels)), labels, fontsize=7.5)
+    axes.set_yticks(range(len(labels)), [style.plain(label) for label in labels], fontsize=7.5)
     axes.tick_params(axis="y", length=0)
     axes.spines[["top", "right", "left"]].set_visible(False)
 

@@ -112,6 +112,11 @@ def svg(fig: Figure) -> str:
     return re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1" stroke-linejoin="round">', text, count=1)
 
 
+def plain(text: str) -> str:
+    """Return a text such that Matplotlib shows it as it is, and no part of it as a formula."""
+    return text.replace("$", r"\$")
+
+
 def map_size(grid: Grid, *, width: float = 6.4, extra: float = 1.35) -> tuple[float, float]:
     """Return the size in inches of a figure that shows `grid` undistorted with room for title and legend."""
     low, high = _corners(grid)
