@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageColor
 
 from antway import Grid, RobotSpec, load_map, save_map
 from antway.view import style
-from antway.view.animation import write_animation
+from antway.view.animation import last_moment, write_animation
 from antway.view.notebook import grid_figure
 from antway.view.replay import replay_page, write_replay
 from antway.world.trace import Trace
@@ -57,6 +57,26 @@ def test_what_was_drawn_keeps_row_0_on_top(tmp_path: Path, grid: Grid, suffix: s
     found = load_map(file, **({} if suffix == ".yaml" else {"resolution": 1.0}))
     assert found == grid and found.top_first == (suffix not in (".npy", ".yaml"))
     assert found.inflate(0.4).top_first == found.top_first
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(80, 12), (1200, 3), (12, 80), (4, 2000)])
+def test_animations_of_long_maps_show_all_that_happened(rows: int, cols: int) -> None:
+    """On a map that is far longer than wide, or wider than high, robot and goal are seen where they are on the map."""
+    grid, trace = Grid(np.zeros((rows, cols), bool), resolution=0.2), sample_trace(20, 0)
+    length, width = 0.2 * max(rows, cols), 0.1 * min(rows, cols)
+    ends = np.array([(0.1 * length, width), (0.9 * length, width)])
+    ends = ends[:, ::-1] if rows > cols else ends
+    robot = RobotSpec(radius=0.1, sensor_range=1.0)
+    task = replace(trace.task, grid=grid, robot=robot, start=tuple(ends[0]), goal=tuple(ends[1]))
+    halfway = np.linspace(ends[0], ends.mean(axis=0), 21)
+    picture = np.asarray(last_moment(replace(trace, task=task, xy=halfway, decisions=()), 480)).astype(int)
+    high, wide = picture.shape[:2]
+    assert wide >= 160 and high >= 40
+    for colour, at in ((style.GOLD, 0.9), (style.BLUE, 0.3)):  # the middle of the goal's star, and of what was driven
+        places = np.argwhere(np.abs(picture - ImageColor.getrgb(colour)).max(axis=2) < 30)
+        y, x = (places.min(axis=0) + places.max(axis=0)) / 2
+        across, along = (x / wide, 1 - y / high) if rows > cols else (y / high, x / wide)
+        assert abs(across - 0.5) < 0.05 and abs(along - at) < 0.02
 
 
 @pytest.mark.parametrize("top_first", [True, False])

@@ -23,8 +23,13 @@ from antway.writing import writing
 SUPER = 2  # factor by which frames are drawn larger and then reduced, to smooth edges
 LONGEST = 12.0  # s; longer episodes are shown faster
 _LEAST = 0.02  # s; each frame is shown for at least this time
+TALLEST = 640  # px; greatest height of the map
 CAPTION = 34  # px; height of the caption under the map
 LEGEND = 24  # px; height of a line of the legend
+NARROWEST, LOWEST = (
+    160,
+    40,
+)  # px; a narrower or lower map stands in the middle of a picture of this size
 GAP = 4  # px; gap between episodes side by side
 ROBOT, HALO = 5.0, 5.0  # px; least radius of the robot, and width of the ring around it that makes it easy to find
 
@@ -89,11 +94,14 @@ class _Painter:
     def __init__(self, trace: Trace, width: int, shortest: Plan | None) -> None:
         self.trace = trace
         rows, cols = trace.task.grid.shape
-        self.height = max(1, round(width * rows / cols))
-        if self.height > 640:
-            width, self.height = max(160, round(640 * cols / rows)), 640
-        self.width = width
+        wide, high = width, max(1, round(width * rows / cols))
         self.scale = width * SUPER / (cols * trace.task.grid.resolution)
+        if high > TALLEST:
+            wide, high = max(1, round(TALLEST * cols / rows)), TALLEST
+            self.scale = TALLEST * SUPER / (rows * trace.task.grid.resolution)
+        self.map_size = (wide * SUPER, high * SUPER)
+        self.width, self.height = max(wide, min(NARROWEST, width)), max(high, LOWEST)
+        self.left, self.top = (self.width - wide) // 2 * SUPER, (self.height - high) // 2 * SUPER
         self.x, self.y, _ = trace.task.grid.origin
         self.top_first = trace.task.grid.top_first
         self.font = ImageFont.load_default(15 * SUPER)
@@ -101,7 +109,7 @@ class _Painter:
 
     def at(self, point: XY) -> tuple[float, float]:
         y = (float(point[1]) - self.y) * self.scale
-        return (float(point[0]) - self.x) * self.scale, y if self.top_first else self.height * SUPER - y
+        return self.left + (float(point[0]) - self.x) * self.scale, self.top + (y if self.top_first else self.map_size[1] - y)
 
     def upright(self, cells: NDArray[np.generic]) -> NDArray[np.generic]:
         """Return values by cell, [H, W, ...], top line first."""
@@ -213,10 +221,10 @@ def _backdrop(painter: _Painter, shortest: Plan | None) -> Image.Image:
     shade[grid.blocked] = ImageColor.getrgb(style.WALL)
     if grid.unknown is not None:
         shade[grid.unknown] = ImageColor.getrgb(style.UNKNOWN)
-    size = (painter.width * SUPER, painter.height * SUPER)
-    picture = Image.new("RGB", (size[0], size[1] + CAPTION * SUPER), "white")
+    size = painter.map_size
+    picture = Image.new("RGB", (painter.width * SUPER, (painter.height + CAPTION) * SUPER), style.UNKNOWN)
     reduce = Image.Resampling.BOX if max(grid.shape) > max(size) else Image.Resampling.NEAREST
-    picture.paste(Image.fromarray(painter.upright(shade)).resize(size, reduce), (0, 0))
+    picture.paste(Image.fromarray(painter.upright(shade)).resize(size, reduce), (painter.left, painter.top))
     draw = ImageDraw.Draw(picture)
     if shortest is not None and len(shortest.cells) > 1:
         painter.dashes(draw, shortest.xy(grid), style.INK)
