@@ -111,3 +111,14 @@ def test_cities_are_added_and_removed() -> None:
         with pytest.raises(BadInput):
             tab.apply({"op": "city", "near": 0.02, **wrong})
     assert tab.instance.size == 4
+
+
+def test_a_city_at_the_edge_of_a_small_map_stays_there() -> None:
+    """A city's place is rounded, but never off the map, so that the page does not draw it at the opposite edge."""
+    tab = Tours()
+    places = [(0.1004, 0.2), (0.9996, 0.3), (0.5, 0.9996), (0.4, 0.1004), (0.7, 0.6)]
+    cities = "".join(f"{i + 1} {x} {y}\n" for i, (x, y) in enumerate(places))
+    tab.apply({"op": "open", "files": [file_of(FIVE[: FIVE.index("1 0")] + cities + "EOF\n")]})
+    for share, edge in (([1.0, 0.9], 0.9996), ([0.0, 0.9], 0.1004)):
+        told = tab.apply({"op": "city", "xy": share, "near": 0.01})[0]
+        assert unpack(told["cities"], "<u2")[-2] == 65535 * share[0] and tab.instance.xy[-1, 0] == edge

@@ -191,7 +191,8 @@ class Tours(Tab):
         place = low + np.array((x, y)) * size.max()
         away = np.hypot(*(xy - place).T)
         there = away <= near * size.max()
-        changed = np.delete(xy, away.argmin(), axis=0) if there.any() else np.vstack((xy, np.round(place, 3)))
+        added = np.clip(np.round(place, 3), low, low + size)
+        changed = np.delete(xy, away.argmin(), axis=0) if there.any() else np.vstack((xy, added))
         if len(changed) < MIN_CITIES:
             raise BadParameter("cities", len(changed), f"{MIN_CITIES} or more")
         return self._restart(Tsp(changed, metric=self.instance.metric, name=self.instance.name), self.settings)
