@@ -88,6 +88,14 @@ def test_a_trace_of_no_steps_and_no_obstacles_makes_a_page() -> None:
     assert data["obstacles"]["id"] == []
 
 
+def test_the_guide_names_the_keys_of_all_layers() -> None:
+    """The keys that the guide gives for the layers of the replay page are as many as its layers."""
+    script = (files("antway.view") / "static" / "canvas.js").read_text()
+    layers = re.search(r"LAYERS = \[(.*?)\];", script, re.DOTALL)[1].strip().splitlines()
+    guide = (Path(__file__).parent.parent / "docs" / "guide.md").read_text()
+    assert f"`1` to `{sum('live' not in layer for layer in layers)}`\n  switch layers" in guide
+
+
 BLINDNESS = {  # by Machado et al. 2009, at their full
     "none": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
     "protanopia": [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],
