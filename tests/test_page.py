@@ -582,6 +582,35 @@ def test_edits_are_kept_and_offered(page: Any, tmp_path: Path) -> None:
     assert not page.evaluate(kept)
 
 
+def test_edits_that_another_tab_keeps_stay(page: Any) -> None:
+    """Another scene removes only what this tab has kept; what cannot be read, or is blocked, is as nothing, and scenes open."""
+    keep = "at => localStorage.setItem('antway-edits', JSON.stringify({ name: 'other', policies: [], data: 'x', at }))"
+    kept = "localStorage.getItem('antway-edits')"
+    page.evaluate(keep, 1)
+    page.reload()
+    expect(page, "#kept").to_contain_text("other")
+    page.select_option("#scene", "office")
+    until(page, lambda: page.title().startswith("office"))
+    assert '"other"' in page.evaluate(kept)
+    page.fill("#seed", "6")
+    page.keyboard.press("Tab")
+    until(page, lambda: '"office"' in page.evaluate(kept))
+    page.evaluate(keep, 2)
+    page.select_option("#scene", "paper")
+    until(page, lambda: page.title().startswith("paper"))
+    assert '"other"' in page.evaluate(kept)
+    page.evaluate("localStorage.setItem('antway-edits', '{')")
+    blocked = "Object.defineProperty(window, 'localStorage', { get() { throw Error('blocked'); } })"
+    page.add_init_script(f"if (window.name === 'blocked') {blocked}")
+    for name in ("spoilt", "blocked"):
+        page.evaluate("to => (window.name = to)", name)
+        page.reload()
+        until(page, lambda: page.title().startswith("paper"))
+        expect(page, "#kept").to_be_hidden()
+        page.select_option("#scene", "office")
+        until(page, lambda: page.title().startswith("office"))
+
+
 @pytest.mark.parametrize("path", ["", "tsp"])
 def test_terms_are_explained_by_pointer_and_keyboard(browser: Any, address: str, path: str) -> None:
     """What a term means is shown under the pointer and in focus, within the screen, named to screen readers, until Escape."""

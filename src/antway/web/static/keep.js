@@ -6,24 +6,38 @@ const KEY = "antway-edits";
 const EDITS = ["set", "paint", "move", "drop", "stop", "remove", "open", "undo", "redo"];
 const PAUSE = 1000; // ms without an edit after which the scenario is asked for
 
+// What is kept, by this tab or by another; null if there is nothing that can be read, or the browser blocks it.
+function read() {
+  try {
+    return JSON.parse(localStorage.getItem(KEY));
+  } catch {
+    return null;
+  }
+}
+
+// Remove edits, unless others have been kept since, for instance by another tab.
+function remove(edits) {
+  if (edits && read()?.at === edits.at) localStorage.removeItem(KEY);
+}
+
 // `request` asks the server, `open({data, policies})` opens what was kept.
 class Keeper {
   constructor(request, open) {
     [this.request, this.edited, this.timer] = [request, false, 0];
     byId("restore").addEventListener("click", () => (this.close(), open(this.offered)));
-    byId("forget").addEventListener("click", () => (this.close(), localStorage.removeItem(KEY)));
+    byId("forget").addEventListener("click", () => (this.close(), remove(this.offered)));
   }
 
   close() {
     byId("kept").hidden = true;
   }
 
-  // Note a request: edits are kept from the first on, and given up where another scene is chosen.
+  // Note a request: edits are kept from the first on, and this tab's are given up where another scene is chosen.
   saw(op) {
     if (EDITS.includes(op)) this.edited = true;
     if (op !== "scene") return;
     this.edited = false;
-    localStorage.removeItem(KEY);
+    remove(this.kept);
   }
 
   // Note that the scenario is another one.
@@ -32,9 +46,12 @@ class Keeper {
     if (this.edited) this.timer = setTimeout(() => this.edited && this.request({ op: "export", what: "keep" }), PAUSE);
   }
 
+  // Keep what the server sent, unless another scene was chosen meanwhile.
   keep({ name, policies, data }) {
+    if (!this.edited) return;
+    this.kept = { name, policies, data, at: Date.now() };
     try {
-      localStorage.setItem(KEY, JSON.stringify({ name, policies, data, at: Date.now() }));
+      localStorage.setItem(KEY, JSON.stringify(this.kept));
     } catch (error) {
       if (!this.said) notice(`This browser does not keep the edits: ${error.message}`);
       this.said = true;
@@ -42,11 +59,11 @@ class Keeper {
   }
 
   offer() {
-    const kept = localStorage.getItem(KEY);
-    if (!kept) return;
-    this.offered = JSON.parse(kept);
-    const when = new Date(this.offered.at).toLocaleString([], { day: "numeric", month: "short", hour: "numeric", minute: "2-digit" });
-    byId("kept").firstElementChild.textContent = `Edits of “${this.offered.name || "a scenario"}”, ${when}, are kept here.`;
+    const kept = read();
+    if (!kept?.data) return;
+    this.offered = kept;
+    const when = new Date(kept.at).toLocaleString([], { day: "numeric", month: "short", hour: "numeric", minute: "2-digit" });
+    byId("kept").firstElementChild.textContent = `Edits of “${kept.name || "a scenario"}”, ${when}, are kept here.`;
     byId("kept").hidden = false;
   }
 }
