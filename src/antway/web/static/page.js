@@ -59,9 +59,16 @@ function takeScene(scene) {
   const typing = document.activeElement === byId("size");
   if (!page.dropped && !typing && scene.radii.length) byId("size").value = String((page.size = scene.radii[0]));
   showSettings(scene.parameters);
-  if (!page.begun) (page.begun = true), openAddress(), keeper.offer();
+  if (!page.begun) begin();
   keeper.changed();
   redraw();
+}
+
+function begin() {
+  page.begun = true;
+  openAddress();
+  addEventListener("hashchange", openAddress); // a link that is pasted into an open tab
+  keeper.offer();
 }
 
 function takeRefusal(message) {
@@ -149,7 +156,7 @@ function openAddress() {
   history.replaceState(null, "", location.pathname + location.search);
   page.offered = { data: named.get("open").replaceAll("-", "+").replaceAll("_", "/"), policies: named.get("policies") };
   byId("ask-size").textContent = fixed((page.offered.data.length * 3) / 4096, 1, "kB");
-  byId("ask-box").showModal();
+  if (!byId("ask-box").open) byId("ask-box").showModal();
 }
 
 function openOffered() {
