@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from antway import Decision
+from antway import Decision, Grid, RobotSpec, Scenario, World, run
 from antway.view.figures import shortest
 from antway.view.replay import replay_page, write_replay
+from antway.world.motions import Line
+from antway.world.world import Obstacle
 from browser import DESKTOP, NASTY, ON_ITS_SIDE, PHONE, chromium, drawn, fits, needs_browser, opened, pixels
 from sample import sample_trace
 
@@ -94,6 +96,22 @@ def test_the_guide_names_the_keys_of_all_layers() -> None:
     layers = re.search(r"LAYERS = \[(.*?)\];", script, re.DOTALL)[1].strip().splitlines()
     guide = (Path(__file__).parent.parent / "docs" / "guide.md").read_text()
     assert f"`1` to `{sum('live' not in layer for layer in layers)}`\n  switch layers" in guide
+
+
+def test_the_page_holds_the_distance_from_the_robots_outline() -> None:
+    """The nearest distance at each step is that from its footprint, not its disc; without obstacles it is infinite."""
+    footprint = ((0.6, 0.2), (0.6, -0.2), (-0.6, -0.2), (-0.6, 0.2))
+    robot = RobotSpec(footprint=footprint, drive="differential", a_max=1.0)
+    beside = Obstacle(0.3, Line((6.0, 3.6), (6.0, 3.6), 0.0))
+    scenario = Scenario(
+        World(Grid(np.zeros((60, 120), bool), 0.1), (beside,)), (1.0, 3.0), (11.0, 3.0), robot=robot, horizon=40.0
+    )
+    result = run(scenario, "follow")
+    least = np.frombuffer(base64.b64decode(data_of(replay_page(result.trace))["clearance"]), "<f4")
+    assert result.min_clearance > 0 and len(least) == len(result.trace.t)
+    assert least.min() == pytest.approx(result.min_clearance, abs=0.01)
+    alone = np.frombuffer(base64.b64decode(data_of(replay_page(sample_trace(5, 0)))["clearance"]), "<f4")
+    assert np.isposinf(alone).all() and len(alone) == 6
 
 
 BLINDNESS = {  # by Machado et al. 2009, at their full

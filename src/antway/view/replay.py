@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from antway.arena.metrics import gaps
 from antway.grid import Grid
 from antway.planning import Plan
 from antway.version import __version__
@@ -79,6 +80,7 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
         "map": map_record(grid, lambda mask: _mask(mask, levels=1)),
         "box": {"x": box.low[0], "y": box.low[1], "width": box.size[0], "height": box.size[1]},
         "t": to_base64(trace.t, "<f4"),
+        "clearance": to_base64(gaps(trace).min(axis=1, initial=np.inf), "<f4"),
         "robot": {
             "xy": box.pack(trace.xy),
             "heading": to_base64(trace.heading, "<f4"),

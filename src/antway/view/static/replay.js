@@ -14,6 +14,7 @@ class View {
     this.t = new Float32Array(bytes(data.t));
     this.last = this.t.length - 1;
     this.robotXY = this.points(data.robot.xy);
+    this.clearance = new Float32Array(bytes(data.clearance)); // m; from the robot's outline to the nearest moving obstacle
     this.heading = new Float32Array(bytes(data.robot.heading));
     this.count = data.obstacles.id.length;
     this.obstacleXY = this.points(data.obstacles.xy); // [step * count + k]
@@ -176,15 +177,14 @@ function render() {
   const moments = views.map((view) => view.momentAt(state.time));
   views.forEach(({ stage }, i) => stage.draw(moments[i], state.show));
   const moment = moments[views.indexOf(chosen)];
-  const { step, robot, obstacles } = moment;
+  const { step } = moment;
   const dt = step < chosen.last ? chosen.t[step + 1] - chosen.t[step] : 0;
   const speed = dt > 0 ? (chosen.driven[step + 1] - chosen.driven[step]) / dt : 0;
-  const clearance = Math.min(...obstacles.map((o) => Math.hypot(o.x - robot.x, o.y - robot.y) - o.radius - robot.radius));
   showDecision(moment.decision);
   put("time", `${state.time.toFixed(1)} / ${t[last].toFixed(1)} s`);
   put("speed-now", fixed(speed, 2, "m/s"));
   put("driven", fixed(chosen.driven[step], 2, "m"));
-  put("clearance", fixed(clearance, 2, "m"));
+  put("clearance", fixed(chosen.clearance[step], 2, "m"));
   const scrub = byId("scrub");
   if (Number(scrub.value) !== longest.stepAt(state.time)) scrub.value = String(longest.stepAt(state.time));
   scrub.setAttribute("aria-valuetext", `${state.time.toFixed(1)} seconds, ${moment.decision?.action ?? ""}`);
