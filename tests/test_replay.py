@@ -7,6 +7,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.resources import files
 from itertools import combinations
 from pathlib import Path
@@ -19,6 +20,7 @@ from antway import Decision, Grid, RobotSpec, Scenario, World, run
 from antway.view.figures import shortest
 from antway.view.replay import replay_page, write_replay
 from antway.world.motions import Line
+from antway.world.timeline import Timeline
 from antway.world.world import Obstacle
 from browser import DESKTOP, NASTY, ON_ITS_SIDE, PHONE, chromium, drawn, fits, needs_browser, opened, pixels
 from sample import sample_trace
@@ -28,6 +30,12 @@ OWN = ("file:", "data:")
 
 def data_of(page: str) -> Any:
     return json.loads(re.search(r'<script type="application/json" id="episode">(.*?)</script>', page, re.DOTALL)[1])
+
+
+def places(packed: str, box: dict[str, float]) -> np.ndarray:
+    """Unpack places, [N, 2] in m, as the page's script does."""
+    raw = np.frombuffer(base64.b64decode(packed), "<u2").reshape(-1, 2) / 65535
+    return raw * [box["width"], box["height"]] + [box["x"], box["y"]]
 
 
 def test_a_minute_among_twenty_obstacles_takes_less_than_two_megabytes() -> None:
@@ -47,10 +55,9 @@ def test_the_page_holds_the_episode_to_a_millimetre() -> None:
     """Places unpacked from the page are within 1 mm of the trace, and sensed flags are equal."""
     trace = sample_trace(150, 3)
     data = data_of(replay_page(trace))
-    box = data["box"]
-    raw = np.frombuffer(base64.b64decode(data["robot"]["xy"]), "<u2").reshape(-1, 2) / 65535
-    xy = raw * [box["width"], box["height"]] + [box["x"], box["y"]]
-    assert np.abs(xy - trace.xy).max() < 1e-3
+    assert np.abs(places(data["robot"]["xy"], data["box"]) - trace.xy).max() < 1e-3
+    obstacles = places(data["obstacles"]["xy"], data["obstacles"]["box"]).reshape(trace.obstacle_xy.shape)
+    assert np.abs(obstacles - trace.obstacle_xy).max() < 1e-3
     flags = np.unpackbits(np.frombuffer(base64.b64decode(data["obstacles"]["sensed"]), np.uint8), bitorder="little")
     assert (flags[: trace.sensed.size].reshape(trace.sensed.shape) == trace.sensed).all()
     assert [d["step"] for d in data["decisions"]] == [step for step, _ in trace.decisions]
@@ -67,6 +74,17 @@ def test_the_policy_allows_only_the_pages_own_script_and_style() -> None:
         assert f"{kind}-src 'sha256-{digest}'" in policy
     assert policy.startswith("default-src 'none';") and "unsafe" not in policy
     assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//""", page)
+
+
+def test_an_obstacle_that_goes_far_leaves_the_robot_where_it_is() -> None:
+    """Where an obstacle is kilometres away, the robot's places on the page are still within 1 mm."""
+    trace = sample_trace(150, 1)
+    away = Timeline.of([1], [0.5], [(np.array([0.0, 15.0]), np.array([[0.0, 9.0], [9000.0, 9.0]]))])
+    far = replace(trace, timeline=away, sensed=np.zeros((151, 1), bool))
+    data = data_of(replay_page(far))
+    assert np.abs(places(data["robot"]["xy"], data["box"]) - far.xy).max() < 1e-3
+    obstacles = places(data["obstacles"]["xy"], data["obstacles"]["box"])
+    assert np.abs(obstacles - far.obstacle_xy[:, 0]).max() < 0.1
 
 
 def test_the_page_holds_what_the_policy_predicted() -> None:

@@ -62,11 +62,12 @@ def replay_page(trace: Trace, *, beside: Sequence[Trace] = (), shortest: Plan | 
 
 
 def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
-    """Return the data for the page's script; places are quantised to 1/65535 of their bounding box."""
+    """Return the data for the page's script; places are quantised to 1/65535 of their bounding box, obstacles of their own."""
     task, grid = trace.task, trace.task.grid
     paths = [decision.path.xy for _, decision in trace.decisions if decision.path is not None]
     path = shortest.xy(grid) if shortest is not None and len(shortest.cells) else np.empty((0, 2))
-    box = _Box([trace.xy, trace.obstacle_xy.reshape(-1, 2), path, *paths])
+    box, obstacles = _Box([trace.xy, path, *paths]), trace.obstacle_xy.reshape(-1, 2)
+    far = _Box([obstacles]) if len(obstacles) else box  # obstacles may go far beyond the map
     masks: dict[bytes, int] = {}
     heaps: list[dict[str, Any]] = []
     decisions = [_decision(step, decision, box, masks, heaps) for step, decision in trace.decisions]
@@ -78,7 +79,7 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
         "outcome": trace.outcome.value,
         "reason": trace.reason,
         "map": map_record(grid, lambda mask: _mask(mask, levels=1)),
-        "box": {"x": box.low[0], "y": box.low[1], "width": box.size[0], "height": box.size[1]},
+        "box": box.record(),
         "t": to_base64(trace.t, "<f4"),
         "clearance": to_base64(gaps(trace).min(axis=1, initial=np.inf), "<f4"),
         "robot": {
@@ -95,7 +96,8 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
         "obstacles": {
             "id": [int(i) for i in trace.obstacle_id],
             "radius": [round(float(r), 6) for r in trace.obstacle_radius],
-            "xy": box.pack(trace.obstacle_xy.reshape(-1, 2)),
+            "box": far.record(),
+            "xy": far.pack(obstacles),
             "sensed": bits_to_base64(trace.sensed),
         },
         "global": box.pack(path) if len(path) else None,
@@ -173,6 +175,9 @@ class _Box:
         low, high = every.min(axis=0), every.max(axis=0)
         self.low: list[float] = low.tolist()
         self.size: list[float] = np.maximum(high - low, 1e-9).tolist()
+
+    def record(self) -> dict[str, float]:
+        return {"x": self.low[0], "y": self.low[1], "width": self.size[0], "height": self.size[1]}
 
     def pack(self, points: NDArray[np.float64]) -> str:
         return to_base64(np.round((points - self.low) / self.size * 65535), "<u2")

@@ -17,7 +17,7 @@ class View {
     this.clearance = new Float32Array(bytes(data.clearance)); // m; from the robot's outline to the nearest moving obstacle
     this.heading = new Float32Array(bytes(data.robot.heading));
     this.count = data.obstacles.id.length;
-    this.obstacleXY = this.points(data.obstacles.xy); // [step * count + k]
+    this.obstacleXY = this.points(data.obstacles.xy, data.obstacles.box); // [step * count + k]
     this.sensed = new Uint8Array(bytes(data.obstacles.sensed)); // one bit each, in the same order
     this.global = data.global ? this.points(data.global) : [];
     for (const decision of data.decisions) {
@@ -36,9 +36,9 @@ class View {
     }
   }
 
-  points(text) {
+  points(text, box = this.data.box) {
     const raw = new Uint16Array(bytes(text));
-    const { x, y, width, height } = this.data.box;
+    const { x, y, width, height } = box;
     return Array.from({ length: raw.length / 2 }, (_, i) => [
       x + (raw[2 * i] / 65535) * width,
       y + (raw[2 * i + 1] / 65535) * height,
