@@ -13,6 +13,7 @@ import pytest
 import antway
 from antway import BadInput, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, run
 from antway.kernels.colony.held_karp import earliest_of_few
+from antway.policies.guard import Guard, Guarded
 from antway.scenes import scene
 from antway.world.episode import Episode
 from antway.world.motions import Line, Replay
@@ -426,3 +427,30 @@ def test_somebody_seen_once_long_ago_does_not_stand() -> None:
     stops, robot = (Stop((17.0, 4.0), "a"), Stop((12.05, 4.05), "b")), RobotSpec(sensor_range=30.0)
     hall = Scenario(world, (1.0, 4.0), (19.0, 4.0), robot, Sensor(period=4.5), horizon=6.0, stops=stops)
     assert len(run(hall, "follow").rounds.turns) == 1
+
+
+@pytest.mark.parametrize("seed", [1, 4, 5, 11])
+def test_a_departure_keeps_the_stop_that_the_guard_has_certified(seed: int) -> None:
+    """A robot that departs from a stop while it still drives touches no wall, because a stop that nobody tested may."""
+    rng, blocked = np.random.default_rng(seed), np.zeros((24, 24), dtype=bool)
+    for row, col in rng.integers(5, 22, (5, 2)):
+        blocked[row : row + 2, col : col + 3] = True
+    grid = Grid(blocked, 0.25)
+    places = rng.permutation(np.argwhere(~grid.inflate(0.5).blocked))[:12].tolist()
+    robot = RobotSpec(drive="differential", a_max=1.0, brake_max=0.5, v_reverse=0.5, alpha_max=2.0)
+    stops = tuple(Stop(grid.centre((row, col))) for row, col in places)
+    scenario = Scenario(World(grid), (0.7, 0.7), (0.7, 0.7), robot, horizon=100.0, stops=stops)
+    assert run(scenario, Guarded(make_policy("follow"), Guard(mode="strict")), seed=seed).reached
+
+
+def test_policy_antway_keeps_the_stop_of_its_guard_at_a_departure() -> None:
+    """And it remembers what it has seen: only the first departure begins anew."""
+    robot = RobotSpec(radius=0.25, a_max=1.0, latency=0.1)
+    episode = Episode(replace(hall(stops=FOUR[2:]), robot=robot), "antway", seed=1)
+    for _ in range(5):
+        episode.step()
+    guard = episode.policy.policy.guard
+    kept = guard.dynamic.keep.copy(), guard.dynamic.sent.copy(), guard.last_stamp
+    episode.policy.add(Stop((1.0, 1.6)))
+    assert episode.policy.departures == 2 and kept[0].any() and kept[1].any()
+    assert (guard.dynamic.keep == kept[0]).all() and (guard.dynamic.sent == kept[1]).all() and guard.last_stamp == kept[2]

@@ -352,6 +352,11 @@ class Guarded:
         self.guard.reset(task)
         self.policy.reset(task, seed)
 
+    def depart(self, task: Task, seed: int) -> None:
+        """Reset the policy for another task of the same robot, which may drive: the guard keeps its stop and what it has seen."""
+        self.guard.set_robot(task)
+        self.policy.reset(task, seed)
+
     def act(self, observation: Observation) -> Command:
         """Return the policy's command as the guard passes it.
 

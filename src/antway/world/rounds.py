@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 from antway import checks
 from antway.errors import BadParameter
@@ -29,6 +30,14 @@ class _Service:
     done: float = 0.0  # s; how long the stop has been served
 
 
+@runtime_checkable
+class Departs(Protocol):
+    """A policy that departs for another destination while the robot drives, and whose guard keeps its certified stop."""
+
+    def depart(self, task: Task, seed: int) -> None:
+        """Prepare for `task`, which has another start and goal than the one before, and may have other walls."""
+
+
 class RoundsPolicy:
     """A policy that visits stops, and drives to each of them by another policy.
 
@@ -37,6 +46,8 @@ class RoundsPolicy:
     it or makes it longer; and when a stop is added. The robot takes another order only if that avoids lateness, is 0.5 s less
     late or ends 3 s earlier. For up to 13 stops a dynamic program finds the order; for more the colony continues from its last
     answer.
+
+    Each departure resets the policy. After the first one, a policy that `Departs` is told to depart instead.
     """
 
     def __init__(self, policy: Policy, stops: Sequence[Stop]) -> None:
@@ -141,7 +152,8 @@ class RoundsPolicy:
         self.homeward, self._explained = not self.remaining, None
         stay = STAY if self.order else 0.0
         task = replace(self.task, grid=self._map_of_leg(), start=self.xy, goal=self._target, stay=stay)
-        self.policy.reset(task, (self.seed + self.departures) % 2**64)
+        begin = self.policy.depart if self.departures and isinstance(self.policy, Departs) else self.policy.reset
+        begin(task, (self.seed + self.departures) % 2**64)
         self.departures += 1
 
     def _map_of_leg(self) -> Grid:

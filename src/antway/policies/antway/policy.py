@@ -132,6 +132,7 @@ class AntwayPolicy:
 
         self.state: State | None = None
         self._in_common = False
+        self._departs = False  # whether the next `reset` is a departure amid a drive
         self._heading = math.nan  # rad; heading of a robot that cannot turn; NaN for one that can, and before the first cycle
         self._beside: Beside[State | Counted] | None = None
         self._outdated = False  # whether the state is to be computed anew, once what is computed beside is done
@@ -154,11 +155,19 @@ class AntwayPolicy:
         OutOfBounds, CellBlocked
             If the robot does not fit at the start or at the goal.
         """
+        departs, self._departs = self._departs, False
         rehearse(AntwayPolicy, task.robot, mode=self.mode, guard=self.guard is not None, controls=self.controls)
         self._heading, self._beside, self._outdated = math.nan, None, False
         self.state = self._made(task, seed, Response(task.robot), self._heading)
-        if self.guard:
+        if self.guard and departs:
+            self.guard.set_robot(task)
+        elif self.guard:
             self.guard.reset(task)
+
+    def depart(self, task: Task, seed: int) -> None:
+        """Do as `reset` for another task of the same robot, which may drive: the guard keeps its stop and what it has seen."""
+        self._departs = True
+        self.reset(task, seed)
 
     def set_surroundings(self, grid: Grid) -> None:
         """Predict and guard on `grid`, of which the task's map is a part: obstacles do not bounce off a path's corridor."""
