@@ -26,6 +26,7 @@ from antway.kernels.base.geometry import segment_hits_cells, swept_discs
 from antway.kernels.base.records import RobotState
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, TABLE_COLUMNS, Rules, guarded, within_reach
+from antway.kernels.robot.reach import SPEED
 from antway.policies.guard import Guard, Guarded, check_observation
 from antway.world.terrain import terrain_of
 from common import cases
@@ -283,6 +284,23 @@ def test_errors_of_places_count_in_every_direction(angle: float) -> None:
         tracks = Tracks([1], [6.0 + 0.95 * way], [[0, 0]], [0.3], covariance)
         guard.limit(Observation(0.0, (6.0, 6.0), (0.0, 0.0), 0.0, tracks), Command(tuple(way)))
         assert guard.did == ("braked" if variance else "free")
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, math.pi / 2])
+@pytest.mark.parametrize("a_max", [math.inf, 2.0])
+def test_errors_of_velocities_count_in_mode_strict(angle: float, a_max: float) -> None:
+    """An obstacle may be faster than was measured by two standard deviations, also while it is lost, but not than declared."""
+    way, seen = np.array([math.cos(angle), math.sin(angle)]), {}
+    for mode, sigma, bound in (("strict", 0.1, 2.0), ("strict", 0.1, 0.5), ("strict", 0.0, 2.0), ("least-harm", 0.1, 2.0)):
+        guard, covariance = Guard(mode=mode), np.zeros((1, 4, 4))
+        covariance[0, 2:, 2:] = sigma**2 * np.outer(way, way)
+        task = Task(Grid(HALL, SIZE), RobotSpec(a_max=a_max), (1.0, 1.0), (9.0, 9.0), obstacle_speed=bound, obstacle_surge=0.0)
+        guard.reset(task)
+        for t in (0.0, 0.1):
+            tracks = Tracks([1], [[8.0, 8.0]], [0.4 * way], [0.3], covariance) if t == 0.0 else Tracks.none()
+            guard.limit(Observation(t, (1.0, 1.0), (0.0, 0.0), 0.0, tracks), Command((0.1, 0.0)))
+            seen[mode, sigma, bound, t] = float(guard.tracks[0, SPEED])
+    assert list(seen.values()) == pytest.approx([0.6, 0.6, 0.5, 0.5, 0.4, 0.4, 0.4, 0.4])
 
 
 @pytest.mark.parametrize("what", ["xy", "velocity", "radius", "lengths", "covariance", "own"])

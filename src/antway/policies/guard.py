@@ -231,7 +231,10 @@ class Guard:
             self.table = np.resize(self.table, (2 * most, kernel.TABLE_COLUMNS))
             self.tracks, self.spread = np.empty((2 * most, COLUMNS)), np.zeros(2 * most)
         self.spread[: len(t)] = 0.0 if t.covariance is None else 2.0 * np.sqrt(t.variances(0))
-        self.bounds[kernel.STOPPING_TIME], scan = stopping, (t.id, t.xy, t.velocity, t.radius)
+        velocity = t.velocity
+        if self.mode == "strict" and t.covariance is not None:
+            velocity = np.column_stack((velocity, 2.0 * np.sqrt(t.variances(2))))
+        self.bounds[kernel.STOPPING_TIME], scan = stopping, (t.id, t.xy, velocity, t.radius)
         n = self.count = kernel.within_reach(
             self.table, self.count, o.t, stamp, self.hold, *scan, self.spread, self.bounds, self.tracks
         )
@@ -353,7 +356,7 @@ class Guarded:
         self.policy.reset(task, seed)
 
     def depart(self, task: Task, seed: int) -> None:
-        """Reset the policy for another task of the same robot, which may drive: the guard keeps its stop and what it has seen."""
+        """Reset the policy for another task of the same robot, which may drive. The guard keeps its stop and its tracks."""
         self.guard.set_robot(task)
         self.policy.reset(task, seed)
 

@@ -20,10 +20,10 @@ SOUND, BAD_ROBOT, BAD_PLACE, BAD_VELOCITY, BAD_RADIUS, SAME_ID = range(6)  # res
 _FRACTIONS = 10  # number of speeds tried in the commanded direction
 _SIDES = 16  # number of directions tried for a step aside
 _LEARNS = 0.01  # 1; share by which, in each control cycle, the learnt speed bound moves towards the fastest speed seen
-# Columns of the table of recent tracks. _SEEN is a time in s; _SPEED is -1 if unknown. The last three are the largest values
-# observed: the speed, its growth, and the change of the velocity.
-_ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED, _FASTEST, _GROWTH, _CHANGE = range(11)
-TABLE_COLUMNS = 11
+# Columns of the table of recent tracks. _SEEN is a time in s; _SPEED is -1 if unknown. The next three are the largest values
+# observed: the speed, its growth, and the change of the velocity. _ERROR is that of the latest speed, m/s.
+_ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED, _FASTEST, _GROWTH, _CHANGE, _ERROR = range(12)
+TABLE_COLUMNS = 12
 
 # Entries of the bounds on obstacles: the speed in m/s; the growth of the speed and the change of the velocity vector in m/s^2;
 # a speed in m/s learnt from all obstacles, which any of them may have; the time in s after which the robot stands; and whether
@@ -89,9 +89,10 @@ def within_reach(
 
     The recent tracks, in the first `count` rows of `table`, float64[M, TABLE_COLUMNS], are brought up to date; M is at least
     `count` + K. It is `now`, and the scan of K tracks is from the time `stamp`; a lost track still counts for `hold` s. A
-    velocity of NaN is unknown, and `spread`, float64[K], is the error of the places, m. `bounds` are described at BOUND_SPEED
-    and the others above; that at BOUND_KIND rises slowly to the fastest speed seen. Observations of a track raise its own
-    bounds at once. `out`, float64[M, 8], is filled with a row for each recent track.
+    velocity of NaN is unknown, and `spread`, float64[K], is the error of the places, m. A third column of `velocity` is the
+    error of the speeds, m/s. `bounds` are described at BOUND_SPEED and the others above; that at BOUND_KIND rises slowly to the
+    fastest speed seen. Observations of a track raise its own bounds at once. `out`, float64[M, 8], is filled with a row for
+    each recent track.
     """
     top, stopping_time = bounds[BOUND_KIND], bounds[STOPPING_TIME]
     for k in range(len(track_id)):
@@ -115,6 +116,7 @@ def within_reach(
             vx, vy, speed = 0.0, 0.0, -1.0
         table[i, _ID], table[i, _SEEN], table[i, _X], table[i, _Y] = track_id[k], stamp, xy[k, 0], xy[k, 1]
         table[i, _VX], table[i, _VY], table[i, _RADIUS], table[i, _SPEED] = vx, vy, radius[k] + spread[k], speed
+        table[i, _ERROR] = velocity[k, 2] if velocity.shape[1] > 2 else 0.0
     bounds[BOUND_KIND] += _LEARNS * (top - bounds[BOUND_KIND])
     kept = 0
     for i in range(count):
@@ -125,7 +127,7 @@ def within_reach(
         copy_row(table[i, _X:_SPEED], out[kept, :SPEED])
         fastest, speed = max(bounds[BOUND_SPEED], bounds[BOUND_KIND], table[i, _FASTEST]), table[i, _SPEED]
         growth = max(bounds[BOUND_GROWTH], table[i, _GROWTH]) * (age + stopping_time)
-        out[kept, SPEED] = min(fastest, speed + growth) if speed >= 0.0 else fastest
+        out[kept, SPEED] = min(fastest, speed + table[i, _ERROR] + growth) if speed >= 0.0 else fastest
         change = max(bounds[BOUND_CHANGE], table[i, _CHANGE]) if bounds[STRICT] > 0.0 else bounds[BOUND_CHANGE]
         out[kept, ACCEL], out[kept, AGE] = change if speed >= 0.0 else math.inf, age
         kept += 1
