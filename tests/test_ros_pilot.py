@@ -1106,6 +1106,31 @@ def test_a_stop_with_a_bend_is_driven_without_wheels(yaw: float) -> None:
     assert answers[2].command is STAND
 
 
+@pytest.mark.parametrize("yaw", [0.5, math.pi / 2])
+def test_a_map_of_another_yaw_does_not_turn_a_stop_with_a_bend(yaw: float) -> None:
+    """The stop is that of the map in which the guard has certified it."""
+    drive = Drive(**{"robot.name": "inertia", "robot.drive": ""})
+    pilot = drive.pilot
+    pilot.receive_map(ROOM)
+    pilot.go(Goal((8.0, 6.0)))
+    until(drive, lambda answer: answer.drives)
+    pilot.guard.dynamic.keep[:3] = 0.5, 0.0, 2.0
+    pilot.receive_map(replace(ROOM, origin=(0.0, 0.0, yaw)))
+    answers = [drive.step() for _ in range(3)]
+    assert [answer.command.velocity for answer in answers] == [(0.5, 0.0), (0.5, 0.0), (0.0, 0.0)]
+
+
+def test_after_a_jump_of_the_clock_late_odometry_does_not_hold_the_stop() -> None:
+    """Control periods that were missed before the jump do not count after it: the next command comes in time."""
+    drive = ready(**INERTIA)
+    pilot = drive.pilot
+    pilot.guard.dynamic.keep[1:3] = 0.5, 12.0
+    for late in (0.225, 0.325, 0.425, 0.525, 0.625, 0.725, 0.825):
+        assert pilot.silent(late, late) is not None
+    assert "jumped" in drive.step(None, dt=1000.0, passed=0.85).reason and pilot.answered == drive.now
+    assert pilot.silent(0.1, 0.1) is None and pilot.silent(0.175, 0.175) is not None
+
+
 def test_odometry_a_little_faster_than_the_period_is_answered_in_time() -> None:
     """After each message the next one is due a period later, however many came a little early before."""
     drive = ready()

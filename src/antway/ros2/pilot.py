@@ -61,6 +61,7 @@ class Pilot:
         self.planning: tuple[Grid, Goal, Beside[AntwayPolicy | BadInput]] | None = None  # for a map and a goal
         self.turner: Guard | None = None  # while it turns in place at a goal
         self.guard: Guard | GuardProcess | None = None  # keeps the stop that follows the last command; None: STAND stops it
+        self.guard_frame = self.frame  # in which that stop is
         self.command, self.why = STAND, (OK, "")  # the last command, and level and reason of the last stop
         self.last_decision: tuple[Decision, Decision] | None = None  # of the policy, and the same in the map's frame
         self.due = self.started = -math.inf  # s; when odometry is to be answered next, and when the policy started
@@ -183,6 +184,7 @@ class Pilot:
             self.scan = self.policy = self.turner = None  # earlier observations and plans are invalid now
             self.brake()
             self.due = -math.inf if self.guard is None else odometry.t + dt
+            self.missed, self.answered = 0, now
             self._restart()
             self.gaps.clear()
             return self._hold(WARN, f"odometry's clock jumped by {odometry.t - before.t:.3f} s")
@@ -191,9 +193,8 @@ class Pilot:
         every = self.period() > 0.9 * dt and not self._stopping  # odometry that jitters by more than a quarter, too
         if odometry.t < self.due - dt / 4 and not every:
             return None
-        self.missed = 0
         self.due = (odometry.t if every or odometry.t - self.due >= dt else self.due) + dt
-        self.answered = now
+        self.missed, self.answered = 0, now
         if self.goal is None or self._stopping:
             stood, answer = self.guard is None, self.brake()
             return None if stood else answer
@@ -228,7 +229,7 @@ class Pilot:
         """Answer with the next command of the guard's stop, once in a control period; the last one is STAND."""
         guard, o, acts = self.guard, self.odometry, STAND.velocity
         if guard is not None and o is not None:
-            at = frames.move_odometry(frames.inverse(self.frame), o)
+            at = frames.move_odometry(frames.inverse(self.guard_frame), o)
             seen = Observation(at.t, at.xy, at.velocity, at.heading, Tracks.none())
             if isinstance(guard, GuardProcess):
                 self.number = guard.observe(seen)
@@ -236,7 +237,7 @@ class Pilot:
             else:
                 acts = guard.limit(seen, None).acts(seen, guard.task.robot)
         self._send(acts)
-        self.command = Command(twist=acts) if self.settings.robot.wheels else Command(frames.turn(self.frame[2], acts))
+        self.command = Command(twist=acts) if self.settings.robot.wheels else Command(frames.turn(self.guard_frame[2], acts))
         if not any(acts):
             self.command, self.guard = STAND, None
         return self._hold(*self.why)
@@ -337,7 +338,7 @@ class Pilot:
             command, did = answer.command, answer.did
             if self.policy is not None:
                 self.policy.sent(seen, command)
-        self.guard = None if keeper is None or keeper.task.robot.stepwise else keeper
+        self.guard, self.guard_frame = None if keeper is None or keeper.task.robot.stepwise else keeper, self.frame
         if did == SILENT:
             self.guard = None
             return self._wait(seen.t + start, ERROR, self._guard_ended() or "the guard's process is silent")
@@ -351,8 +352,7 @@ class Pilot:
 
     def _send(self, pair: XY) -> None:
         """Record a command that does not act yet."""
-        if len(self.sent):
-            self.sent = np.vstack((self.sent[1:], [pair]))
+        self.sent = np.vstack((self.sent, [pair]))[1:]
 
     def _turn(self, goal: Goal, odometry: Odometry) -> PilotAnswer:
         """Turn in place towards the goal's yaw, as far as the guard lets a footprint turn."""
