@@ -18,7 +18,7 @@ import antway
 from antway import BadParameter, BadScenario, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, World, check_episode, run
 from antway.kernels.base.rng import stream
 from antway.world.motions import BackAndForth, Bounce, Line, RandomWalk, Replay, Waypoints
-from antway.world.policy import Command, Decision
+from antway.world.policy import Command, Decision, make_policy
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import SCALE, cases
@@ -336,3 +336,20 @@ def test_the_least_clearance_may_be_where_an_obstacle_turns() -> None:
     check_episode(result)
     with pytest.raises(InvalidPlan, match="min_clearance"):
         check_episode(replace(result, min_clearance=result.min_clearance + 2e-4))
+
+
+def test_without_a_command_a_robot_with_latency_is_told_that_it_is_to_stop() -> None:
+    """No command means to stop, also among those that do not act yet: policy antway used to end in an error."""
+    pending = []
+
+    class Late(type(make_policy("antway"))):
+        def act(self, observation):
+            pending.append(observation.pending.tolist())
+            return None if observation.t < 0.25 else super().act(observation)
+
+        def explain(self):
+            return Decision("wait", "not yet")
+
+    result = run(Scenario(World(ROOM), (1.0, 5.0), (3.0, 5.0), RobotSpec(a_max=1.0, latency=0.2)), Late())
+    assert result.reached and pending[:4] == [[[0.0, 0.0], [0.0, 0.0]]] * 4
+    check_episode(result)

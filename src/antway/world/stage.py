@@ -83,7 +83,8 @@ class Stage:
         if not self.stepwise and self.late:
             pending = np.zeros((self.late, 2))
             known = min(self.late, i)
-            pending[self.late - known :] = self.command[i - known : i]
+            late = self.command[i - known : i]
+            pending[self.late - known :] = np.where(np.isfinite(late).all(axis=1, keepdims=True), late, 0.0)  # none: stop
         return Observation(now, (x, y), (vx, vy), float(self.heading[i]), tracks, stamp, float(self.turn_rate[i]), pending)
 
     def controls(self, command: Command | None, observation: Observation) -> tuple[float, float]:
