@@ -868,6 +868,15 @@ def test_no_drive_is_refused_and_a_name_is_enough() -> None:
         Settings.of(unsaid | {"robot.name": "turtlebot5"})
 
 
+def test_the_dynamics_of_old_traces_are_refused(tmp_path) -> None:
+    """No real robot jumps to a velocity, and such a robot never turned to the goal's yaw; a named one is refused, too."""
+    named = tmp_path / "old.toml"
+    named.write_text('drive = "differential"\ndynamics = "steps"\n')
+    for given in ({"robot.drive": "differential", "robot.dynamics": "steps"}, {"robot.drive": "", "robot.name": str(named)}):
+        with pytest.raises(BadInput, match=r"robot\.dynamics"):
+            settings(**given)
+
+
 def test_a_footprint_is_as_nav2_writes_it() -> None:
     """Text of a list of corners with numbers as C writes them, no square brackets missing; a disc without corners."""
     box = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"

@@ -148,6 +148,7 @@ def _robot(name: str = "", drive: str = "", **given: Any) -> RobotSpec:
         base = load_robot(checks.instance("name", name, str)) if name else None
     except BadInput as wrong:
         raise wrong.at("", "name" if wrong.field == "robot" else wrong.field) from None
+    checks.choice("dynamics", given.get("dynamics", "ramps" if base is None else base.dynamics), ["ramps"])
     if base is not None:
         slower = RobotSpec(v_max=given.get("v_max", base.v_max)).v_max  # which is then its limit in reverse, too
         given.setdefault("v_reverse", min(base.v_reverse, slower))
@@ -253,6 +254,7 @@ def parameters() -> dict[str, Parameter]:
         "[]",
         'Corners in m of a convex polygon in the robot\'s frame, as Nav2 writes it, "[[x, y], ...]"; []: a disc.',
     )
+    found["robot.dynamics"] = ("ramps", "Speeds ramp within a control period, and wheels drive arcs; no other is driven.")
     found["robot.drive"] = ("", f"{robot['drive']} Needed, unless robot.name is given.")
     task = described(Task)
     found |= {
