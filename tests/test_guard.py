@@ -370,6 +370,39 @@ def test_a_policy_that_changes_the_observation_does_not_blind_the_guard() -> Non
     assert policy.explain().guard in ("slowed", "braked") and tracks.xy.tolist() == [[5.75, 5.0]]
 
 
+def test_a_policy_that_changes_pending_commands_does_not_blind_the_guard() -> None:
+    """The guard foresees where the robot is when a command acts by what was sent, not by what the policy wrote there."""
+
+    class Forgets:
+        def reset(self, task, seed): ...
+        def act(self, observation):
+            observation.pending[:] = 0.0
+            return Command((1.0, 0.0))
+
+        def explain(self):
+            return Decision("follow", "onwards")
+
+    policy = Guarded(Forgets())
+    policy.reset(Task(Grid(HALL, SIZE), RobotSpec(a_max=2.0, latency=0.2), (1.0, 1.0), (9.0, 9.0)), 0)
+    sent = np.array([[1.0, 0.0], [0.9, 0.0]])
+    policy.act(Observation(0.0, (5.0, 5.0), (1.0, 0.0), 0.0, Tracks.none(), pending=sent))
+    assert sent.tolist() == [[1.0, 0.0], [0.9, 0.0]]
+
+
+@pytest.mark.parametrize("rows", [0, 1, 2])
+def test_too_few_pending_commands_are_refused(rows: int) -> None:
+    """The guard used to take the robot to be where it is now, for no rows, or where it is a little later."""
+    guard = Guard()
+    guard.reset(Task(Grid(HALL, SIZE), RobotSpec(a_max=2.0, latency=0.3), (1.0, 1.0), (9.0, 9.0)))
+    for given in (rows, 3, 4):
+        seen = Observation(0.0, (5.0, 5.0), (1.0, 0.0), 0.0, Tracks.none(), pending=np.tile((1.0, 0.0), (given, 1)))
+        if given < 3:
+            with pytest.raises(BadParameter, match=r"observation\.pending"):
+                guard.limit(seen, Command((1.0, 0.0)))
+        else:
+            assert guard.dynamic.state_at_action(seen).x == pytest.approx(5.3)
+
+
 @pytest.mark.parametrize("wrong", [{"timeout": 0.0}, {"timeout": math.nan}, {"hold": -1.0}, {"lookahead": math.inf}])
 def test_wrong_settings_raise(wrong: dict[str, float]) -> None:
     """Settings out of range raise `BadParameter`."""

@@ -300,6 +300,8 @@ class _Dynamic:
         """Return the robot's state when a command given now begins to act."""
         if self.late and o.pending is None:
             o = replace(o, pending=self.sent)
+        if o.pending is not None and len(o.pending) < self.late:
+            raise BadParameter("observation.pending", o.pending, f"{self.late} commands, as many as do not act yet, or None")
         return o.state_at_action(self.robot)
 
     def stop(self, o: Observation) -> Command:
@@ -369,7 +371,9 @@ class Guarded:
             For an observation that is not finite, before the policy sees it.
         """
         observation = check_observation(observation)
-        command = self.guard.passed(observation, self.policy.act(replace(observation, tracks=copied(observation.tracks))))
+        pending = None if observation.pending is None else observation.pending.copy()
+        shown = replace(observation, tracks=copied(observation.tracks), pending=pending)
+        command = self.guard.passed(observation, self.policy.act(shown))
         if self.learner is not None:
             self.learner.sent(observation, command)
         return command
