@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from antway import EpisodeResult, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, World, check_episode, run
+from antway.world.motions import Line
 from antway.world.policy import Command, Decision
 from antway.world.timeline import Timeline
 from antway.world.trace import Trace
+from antway.world.world import Obstacle
 
 WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=2.0, alpha_max=3.0)
 
@@ -124,6 +126,24 @@ def test_results_that_contradict_their_trace_are_refused() -> None:
     for field, value in {"time": "3", "length": None, "min_clearance": None}.items():
         with pytest.raises(InvalidPlan, match=f"{field} .* is not of type float"):
             check_episode(replace(result, **{field: value}))
+
+
+@pytest.mark.parametrize("rates", [{}, {"a_max": 1.0}], ids=["at-once", "inertia"])
+def test_a_contact_that_is_called_an_error_is_refused(rates: dict[str, float]) -> None:
+    """Something that runs into a robot at rest ends the episode amid a control period, which no error and no horizon does."""
+
+    class Stands(Straight):
+        def act(self, o) -> Command:
+            return Command((0.0, 0.0))
+
+    comes = Obstacle(0.3, Line((6.03, 2.0), (1.0, 2.0), 1.0))
+    hall = World(Grid(np.zeros((40, 80), dtype=bool), 0.1), (comes,))
+    trace = run(Scenario(hall, (2.0, 2.0), (7.0, 2.0), RobotSpec(**rates), horizon=20.0), Stands()).trace
+    assert trace.outcome is Outcome.HIT_STANDING
+    check_episode(trace)
+    for outcome, horizon in ((Outcome.ERROR, 20.0), (Outcome.TIMEOUT, float(trace.t[-1]))):
+        with pytest.raises(InvalidPlan, match="ends amid a control period"):
+            check_episode(replace(trace, outcome=outcome, config={**trace.config, "horizon": horizon}))
 
 
 @pytest.mark.parametrize("kind", ["differential", "holonomic"])

@@ -157,6 +157,8 @@ def _end_faults(again: Again) -> Iterator[str]:
     at_rest = not moving and abs(float(trace.turn_rate[-1])) <= REST
     if outcome == "error" and early and len(trace) and not at_rest:
         yield "claims an error before the horizon, and the robot was not braked"
+    if outcome in ("timeout", "error") and trace.t[-1] < len(trace) * task.robot.dt - _NEAR:
+        yield "ends amid a control period, as only a contact or the goal ends one"
 
 
 def _passes_goal(again: Again) -> NDArray[np.bool_]:
