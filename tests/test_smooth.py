@@ -299,6 +299,26 @@ def test_the_check_rejects_drift_spin_and_reversals_within_a_step() -> None:
             check_motion(room, replace(wheels, **{"brake_max": 1.0, limit: 0.6}), moved(1.0, x, v))
 
 
+@pytest.mark.parametrize("end", [0.5, -0.5])
+def test_a_car_that_turns_while_it_stands_amid_a_step_is_refused(end: float) -> None:
+    """Its speed changes its sign within the step: there its turn rate must be 0, as it is if it stays on one arc."""
+    car = RobotSpec(drive="ackermann", turning_radius=1.0, v_reverse=1.0, a_max=1.0, alpha_max=1.0)
+    t, v, w = np.array([0.0, 0.5, 1.5, 2.0]), np.array([0.0, 0.5, -0.5, 0.0]), np.array([0.0, 0.5, end, 0.0])
+    fine = np.linspace(0.0, 2.0, 200_001)
+    speed, rate, dt = np.interp(fine, t, v), np.interp(fine, t, w), fine[1]
+    heading = np.concatenate(([0.0], np.cumsum(rate[1:] + rate[:-1]) * dt / 2.0))
+    moves = speed[:, None] * np.column_stack((np.cos(heading), np.sin(heading)))
+    xy = np.concatenate(([[5.0, 5.0]], 5.0 + np.cumsum(moves[1:] + moves[:-1], axis=0) * dt / 2.0))
+    at = np.searchsorted(fine, t - dt / 2.0)
+    motion, room = Motion(t, xy[at], heading[at], moves[at], w), Grid(np.zeros((10, 10), dtype=bool))
+    check_motion(room, replace(car, drive="differential", turning_radius=0.0), motion)
+    if end < 0.0:
+        check_motion(room, car, motion)
+    else:
+        with pytest.raises(InvalidPlan, match="turns while it stands"):
+            check_motion(room, car, motion)
+
+
 def test_walls_are_checked_between_knots() -> None:
     """A post of one cell between two knots 4 m apart is found, and so is a corner that sweeps out in a turn in place."""
     blocked = np.zeros((40, 60), dtype=bool)

@@ -118,6 +118,10 @@ def _wheel_faults(robot: RobotSpec, motion: Motion, speed: Floats) -> Iterator[s
     yield from exceeds("turns faster than turn_rate", np.abs(rate), robot.turn_rate, motion.t, "rad/s")
     if robot.turning_radius > 0.0 and (np.abs(rate) > np.abs(speed) / robot.turning_radius + _NEAR).any():
         yield "turns tighter than turning_radius"
+    turned = np.flatnonzero(speed[:-1] * speed[1:] < 0.0)  # steps amid which the wheels stand, after this share of their time
+    share = speed[turned] / (speed[turned] - speed[turned + 1])
+    if robot.turning_radius > 0.0 and (np.abs(rate[turned] + share * np.diff(rate)[turned]) > _NEAR).any():
+        yield "turns while it stands, which a turning_radius rules out"
     if (np.abs(np.diff(rate)) > min(robot.alpha_max, _AT_ONCE) * dt * (1 + _NEAR) + 1e-12).any():
         yield "turns with more than alpha_max"
 
