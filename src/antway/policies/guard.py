@@ -139,8 +139,9 @@ class Guard:
     early enough and stay within the declared bounds on their speed, its growth and the change of their velocity
     (`Task.obstacle_speed`, `obstacle_surge`, `obstacle_swerve`). The bound on the change of velocity does not apply where a
     wall may reflect an obstacle, or while it is not seen, or not exactly; it is infinite unless declared. Obstacles may still
-    run into a robot that has stopped. Observations raise the bounds of a track at once, and the speed bound of all tracks
-    slowly. "least-harm" guarantees nothing, but has fewer contacts in total among people (docs/people.md).
+    run into a robot that has stopped. Observations raise a track's bounds on its speed and on the growth of that at once, and
+    the speed bound of all tracks slowly. "least-harm" guarantees nothing, but has fewer contacts in total among people
+    (docs/people.md).
     """
 
     def __init__(self, *, timeout: float = 0.5, hold: float = 0.5, lookahead: float = 1.5, mode: str = "strict") -> None:
@@ -160,7 +161,7 @@ class Guard:
         self.set_robot(task)
 
     def set_robot(self, task: Task, grid: Grid | None = None) -> None:
-        """Guard the robot of `task` from now on, which is that of `reset` with another latency or other accelerations.
+        """Guard the robot of `task` from now on, which is that of `reset` with other latency, accelerations or top speeds.
 
         `grid` has the walls, if not all those of the task's map are walls; it may be the part of a map that is near the robot.
         """
