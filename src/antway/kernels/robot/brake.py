@@ -169,7 +169,7 @@ def _nearby(state: RobotState, robot: Robot, tracks: Floats) -> int:
     (x, y, _, a, b), limits, n = state, robot.limits, 0
     holonomic = limits.drive == HOLONOMIC
     speed = math.hypot(a, b) if holonomic else abs(a)
-    fastest = min(speed + limits.a_max * robot.dt, limits.v_max)
+    fastest = max(speed, min(speed + limits.a_max * robot.dt, limits.v_max))
     stop = fastest / limits.brake_max if limits.brake_max < math.inf else 0.0
     turning = limits.turn_rate / limits.alpha_max if len(robot.body.corners) > 1 and limits.alpha_max < math.inf else 0.0
     time = limits.latency + 2.0 * robot.dt + max(BENT * stop if holonomic else stop, turning) + turning
