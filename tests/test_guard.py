@@ -408,3 +408,13 @@ def test_wrong_settings_raise(wrong: dict[str, float]) -> None:
     """Settings out of range raise `BadParameter`."""
     with pytest.raises(BadParameter):
         Guard(**wrong)
+
+
+@pytest.mark.parametrize("kind", [int, np.float32, np.int64])
+def test_commands_of_other_numbers_are_passed_as_they_are(kind: type) -> None:
+    """A whole number of Python or NumPy is a speed like any other; its bits are not those of a float."""
+    task = Task(Grid(np.zeros((40, 80), dtype=bool), 0.2), RobotSpec(a_max=1.0), (2.0, 4.0), (12.0, 4.0))
+    guard = Guard()
+    guard.reset(task)
+    command = guard.limit(Observation(0.0, (2.0, 4.0), (0.0, 0.0), 0.0, Tracks.none()), Command((kind(1), kind(0))))
+    assert command.velocity == (1.0, 0.0) and guard.did == "free"

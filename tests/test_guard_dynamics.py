@@ -318,7 +318,7 @@ def test_without_wheels_a_stop_bends_along_a_wall(along: int) -> None:
 
 @pytest.mark.parametrize(("x", "did"), [(6.5, "braked"), (9.0, "braked"), (10.0, "free")])
 def test_a_robot_faster_than_its_top_speed_brakes_for_what_it_comes_near_to(x: float, did: str) -> None:
-    """At 2 m/s, for instance because a slower top speed was learnt, it stops after 4.2 m; the guard took in what 0.5 m/s meets."""
+    """At 2 m/s, for instance because a slower top speed was learnt, it stops after 4.2 m; 0.5 m/s would be less."""
     robot = RobotSpec(radius=0.3, v_max=0.5, a_max=0.5, dt=DT)
     guard, stands = Guard(), Tracks([1], [[x, 5.0]], [[0.0, 0.0]], [0.3])
     guard.reset(Task(Grid(np.zeros((80, 80), bool), SIZE), robot, (5.0, 5.0), (15.0, 5.0), obstacle_speed=0.0))

@@ -208,7 +208,7 @@ class Guard:
         self.last_stamp = stamp
         tracks = self._within_reach(o, stamp)
         if self.dynamic is not None:
-            asked = np.array([acts])
+            asked = np.array([acts], np.float64)
             if others is not None:
                 asked = np.vstack((asked, others))
             passed, did = self.dynamic.passed(o, asked, tracks, self.lookahead)

@@ -152,8 +152,8 @@ class RoundsPolicy:
         self.homeward, self._explained = not self.remaining, None
         stay = STAY if self.order else 0.0
         task = replace(self.task, grid=self._map_of_leg(), start=self.xy, goal=self._target, stay=stay)
-        begin = self.policy.depart if self.departures and isinstance(self.policy, Departs) else self.policy.reset
-        begin(task, (self.seed + self.departures) % 2**64)
+        start = self.policy.depart if self.departures and isinstance(self.policy, Departs) else self.policy.reset
+        start(task, (self.seed + self.departures) % 2**64)
         self.departures += 1
 
     def _map_of_leg(self) -> Grid:
