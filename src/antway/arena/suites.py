@@ -201,7 +201,7 @@ def drawn(suite: Suite, group: str, seed: int, robot: RobotSpec | None) -> Scena
             if robot.radius <= own.radius or _connected(driven):
                 return driven
         scenario = suite.make(group, Chance(seed_of(seed, attempt)))
-    raise BadParameter("robot", robot, f"a robot that has room in a world of {group}; its radius is {robot.radius:g} m")
+    raise BadParameter("robot", f"{robot.radius:g} m in radius", f"one that has room in a world of {suite.name}, {group}")
 
 
 def _connected(scenario: Scenario) -> bool:

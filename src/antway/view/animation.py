@@ -26,10 +26,7 @@ _LEAST = 0.02  # s; each frame is shown for at least this time
 TALLEST = 640  # px; greatest height of the map
 CAPTION = 34  # px; height of the caption under the map
 LEGEND = 24  # px; height of a line of the legend
-NARROWEST, LOWEST = (
-    160,
-    40,
-)  # px; a narrower or lower map stands in the middle of a picture of this size
+NARROWEST, LOWEST = 160, 40  # px; a narrower or lower map stands in the middle of a picture of this size
 GAP = 4  # px; gap between episodes side by side
 ROBOT, HALO = 5.0, 5.0  # px; least radius of the robot, and width of the ring around it that makes it easy to find
 

@@ -18,16 +18,7 @@ from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.lookup import clearance, clearance_within, reaches, turning_loss
 from antway.kernels.controls.motion import MotionState, motion_state, step
-from antway.kernels.controls.problem import (
-    GOAL_SPEED,
-    GOAL_X,
-    GOAL_Y,
-    TOLERANCE,
-    Batch,
-    ControlProblem,
-    StaticField,
-    near_at,
-)
+from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, Batch, ControlProblem, StaticField, near_at
 from antway.kernels.controls.rollout import is_too_dear, lost_time, obstacle_cost, stop_behind_wall
 
 BATCH = 64  # most rollouts that are stepped abreast

@@ -131,7 +131,7 @@ def learn(
             miss_a, miss_b = (later.a - now[A]) / limits.v_max, later.b - now[B]
             if holonomic:
                 miss_a, miss_b = math.hypot(miss_a, miss_b / limits.v_max), 0.0
-            elif limits.turn_rate < math.inf:
+            else:
                 miss_b /= limits.turn_rate
             error[:, i, k] *= memory
             error[SLOWS if slows else GROWS, i, k] += miss_a * miss_a

@@ -21,6 +21,7 @@ from antway.planning import standing_cell
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.line_of_sight import nearest_free, start_cell
 from antway.world.policy import XY, RobotSpec, Task
+from antway.world.rollouts import finite_limits
 from antway.world.terrain import body_of, terrain_of, walls_of
 
 ContextPair = tuple[PlanningContext, PlanningContext]  # between nodes that suit the robot, and between all cells
@@ -35,7 +36,6 @@ _WALL_MARGIN = 0.05  # m; robots with inertia keep this from walls where they ca
 _FINE = 0.4  # 1; such robots need cells that are no larger than this share of the radius
 _SPARSE = 0.5  # 1; nodes of the plan of a robot that follows it are no farther apart than this share of the radius, or a cell
 _LONGER = 1.02  # 1; paths between fewer nodes may take this times as long
-_MOST_ACCEL = 1e3  # m/s^2; stands for an infinite acceleration of a robot with a footprint
 _TURNED = 0.1  # rad; where a robot cannot turn but is turned by more than this, it is planned for anew
 _ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, where one of them is too near to a wall
 
@@ -128,7 +128,7 @@ def narrow_contexts(task: Task, moves: Moves, radius: float) -> ContextPair | No
 
 def _disc(robot: RobotSpec, radius: float) -> RobotSpec:
     """Return the robot as a disc of `radius` m; it is driven as before, so it moves stepwise only if the robot does."""
-    a_max = robot.a_max if robot.stepwise else min(robot.a_max, _MOST_ACCEL)
+    a_max = robot.a_max if robot.stepwise else finite_limits(robot).a_max
     return replace(robot, radius=radius, footprint=None, a_max=a_max)
 
 

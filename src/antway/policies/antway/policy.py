@@ -167,7 +167,7 @@ class AntwayPolicy:
     def depart(self, task: Task, seed: int) -> None:
         """Do as `reset` for another task of the same robot, which may drive: the guard keeps its stop and what it has seen."""
         self._departs = True
-        self.reset(task, seed)
+        self.reset(task, seed)  # which a subclass may have extended
 
     def set_surroundings(self, grid: Grid) -> None:
         """Predict and guard on `grid`, of which the task's map is a part: obstacles do not bounce off a path's corridor."""

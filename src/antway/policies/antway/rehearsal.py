@@ -33,9 +33,9 @@ def rehearse(make: Callable[..., Policy], robot: RobotSpec, **options: object) -
     _done.add(what)
     if not is_compiled(*(("", "crossing.cycle") if kind.stepwise else ("controls", "colony.forage"))):
         return
-    policy, late = make(**options), round(kind.latency / kind.dt)
+    policy = make(**options)
     policy.reset(Task(Grid(np.zeros((40, 60), bool), 0.1), kind, (1.0, 2.0), (5.0, 2.0)), 0)
-    state, commands = RobotState(1.0, 2.0, 0.0, 0.0, 0.0), [(0.0, 0.0)] * late
+    state, commands = RobotState(1.0, 2.0, 0.0, 0.0, 0.0), [(0.0, 0.0)] * kind.late_commands
     for n in range(_CYCLES):
         observation = _observed(kind, state, n * kind.dt, commands[n:])
         commands.append(policy.act(observation).acts(observation, kind))

@@ -100,7 +100,7 @@ class Response:
         changed = (first > _LEAST and (self._limit() or self._choose())) or wrong
         if changed:  # places were predicted by another candidate
             self.place[:], misplaced = 0.0, 0.0
-        turn *= self.robot.turn_rate if self.robot.turn_rate < math.inf else 1.0
+        turn *= self.robot.turn_rate
         self.spread = misplaced + _DRIFT * self.robot.v_max * (speed + _DRIFT * turn)
         if self.spread <= _LEAST_SPREAD:
             self.spread = 0.0
@@ -200,7 +200,7 @@ class Response:
         """
         if self.robot is self.declared and (o.pending is not None or self.robot.latency == 0.0):
             return o
-        late, dt = math.ceil(self.robot.latency / self.robot.dt - 1e-9), self.robot.dt
+        late, dt = self.robot.late_commands, self.robot.dt
         given, commands = (one[len(one) - late :] for one in (self.given, self.commands))
         if late and np.diff(given, append=o.t).max() > _GAP * dt:  # each acts in its turn, and none where a gap is
             starts = o.t - dt * np.arange(late, 0.0, -1.0)
