@@ -46,12 +46,17 @@ def play(tab: Any, steps: int) -> None:
         tab.advance()
 
 
+def all_seen(estimates: np.ndarray) -> np.ndarray:
+    """Tell of all tracks that the scan shows them."""
+    return np.ones(len(estimates), np.bool_)
+
+
 def changes_of(scans: list[tuple[float, np.ndarray]], terrain: Terrain) -> list[np.ndarray]:
     """How the velocities of tracks change from each scan, (t, estimates), to the next."""
     table, turns, found = make_table(64, changes.COLUMNS), np.zeros(3), []
     for t, estimates in scans:
         found.append(np.empty((len(estimates), 4)))
-        changes.velocity_changes(table, turns, estimates, terrain, t, found[-1])
+        changes.velocity_changes(table, turns, estimates, all_seen(estimates), terrain, t, found[-1])
     return found
 
 

@@ -13,7 +13,7 @@ from antway.kernels.tracking import crowd, orca
 from antway.kernels.tracking.predict import FAR_AHEAD, ID, STEP_TIME, TubeMargins, predict
 from antway.kernels.tracking.table import make_table
 from antway.world.timeline import Timeline
-from common import cases
+from common import all_seen, cases
 from naive import crowd as naive
 
 
@@ -71,7 +71,7 @@ def watched(line: Timeline, steps: int) -> tuple[list[np.ndarray], list[np.ndarr
         xy, velocity = line.at(t - 1e-9)[0], line.at(t - 1e-3)[1]
         velocity = np.zeros_like(velocity) if i == 0 else velocity
         estimates = np.column_stack((xy, velocity, line.radius, np.zeros((len(xy), 2)), line.id))
-        crowd.foresee(table, estimates, t, 1.0, trajectory)
+        crowd.foresee(table, estimates, all_seen(estimates), t, 1.0, trajectory)
         paths.append(xy + trajectory[: len(estimates), :8].sum(axis=1) * STEP_TIME)
         straight.append(xy + velocity * 2.0)
     return paths, straight
@@ -105,7 +105,7 @@ def test_discs_that_never_yield_are_not_taken_for_people() -> None:
                 heading[rng.integers(8)] = rng.uniform(-math.pi, math.pi)
             velocity = 0.6 * np.column_stack((np.cos(heading), np.sin(heading)))
             estimates = np.column_stack((xy, velocity, np.full(8, 0.3), np.zeros((8, 2)), np.arange(8)))
-            crowd.foresee(table, estimates, i * 0.1, 0.9, trajectory)
+            crowd.foresee(table, estimates, all_seen(estimates), i * 0.1, 0.9, trajectory)
             followed += bool(np.isfinite(trajectory[: len(estimates), 0, 0]).any())
             xy = xy + velocity * 0.1
         assert followed <= (2 if turns else 0)
@@ -187,5 +187,5 @@ def test_the_nameless_have_no_past() -> None:
     table, trajectory = make_table(4, crowd.COLUMNS, ID), np.empty((4, crowd.STEPS, 2))
     for i in range(10):
         estimates = np.array([[i * 0.1, 0.0, 1.0, 0.0, 0.3, 0.0, 0.0, -1.0], [3.0, 0.1, -1.0, 0.0, 0.3, 0.0, 0.0, -1.0]])
-        crowd.foresee(table, estimates, i * 0.1, 1.0, trajectory)
+        crowd.foresee(table, estimates, all_seen(estimates), i * 0.1, 1.0, trajectory)
         assert table.used[0] == 2 and np.isnan(trajectory[:2, 0, 0]).all() and (table.rows[:2, 8:13] >= 0.0).all()

@@ -20,7 +20,7 @@ from antway.world.policy import RobotSpec, Task
 from antway.world.robots import load_robot
 from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
-from common import cases, changes_of
+from common import all_seen, cases, changes_of
 from naive import people as naive
 
 AIR = Terrain(Grid(np.zeros((1, 1), np.bool_)).blocked, -1e6, -1e6, 2e6)
@@ -29,7 +29,7 @@ AIR = Terrain(Grid(np.zeros((1, 1), np.bool_)).blocked, -1e6, -1e6, 2e6)
 def _rates(scans, terrain: Terrain = AIR) -> np.ndarray:
     turning = curves.Turning(make_table(64, curves.COLUMNS), np.zeros(curves.POOL), np.zeros(64))
     for (t, estimates), changed in zip(scans, changes_of(scans, terrain), strict=True):
-        curves.turn_rates(turning, estimates, estimates.copy(), changed, t)
+        curves.turn_rates(turning, estimates, all_seen(estimates), estimates.copy(), changed, t)
     return turning.rate[: len(estimates)]
 
 

@@ -54,7 +54,7 @@ from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
 from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
-from common import SHARED, cases, changes_of, needs_data
+from common import SHARED, all_seen, cases, changes_of, needs_data
 from naive import people as naive
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -135,7 +135,7 @@ def _averaged(scans, terrain: Terrain = AIR, restart: bool = True) -> np.ndarray
     table, pool, out = make_table(64, averages.COLUMNS), np.zeros(averages.POOL), np.empty(0)
     for (t, estimates), changed in zip(scans, changes_of(scans, terrain), strict=True):
         out = np.empty_like(estimates)
-        averages.averaged(table, pool, estimates, changed, t, restart, out)
+        averages.averaged(table, pool, estimates, all_seen(estimates), changed, t, restart, out)
     return out
 
 

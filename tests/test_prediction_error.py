@@ -12,7 +12,7 @@ from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
 from antway.kernels.tracking.prediction_error import COLUMNS, LATER, POOL, compare_predictions, distrust, store_predictions
 from antway.kernels.tracking.table import make_table
 from antway.world.terrain import terrain_of
-from common import cases
+from common import all_seen, cases
 
 BOX = np.zeros((40, 40), np.bool_)
 TERRAIN = terrain_of(Grid(BOX, 0.2))  # 8 x 8 m
@@ -74,7 +74,7 @@ def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float =
         segments = pieces[: predict(estimates, t, 0.0, 4.0, -50.0, 0.0, MARGINS, TERRAIN, NO_PREDICTIONS, pieces)]
         owner = np.cumsum(np.concatenate(([0], segments[1:, 0] < segments[:-1, 1]))) if len(segments) else np.empty(0)
         errors = np.empty(len(seen))
-        compare_predictions(table, pool, missed, estimates, t, errors)
+        compare_predictions(table, pool, missed, estimates, all_seen(estimates), t, errors)
         store_predictions(table, estimates, t, segments)
         expected = slow(estimates, t, segments, owner)
         assert errors == pytest.approx(expected, abs=1e-9)

@@ -26,7 +26,7 @@ from antway.world.rollouts import empty_outlook
 from antway.world.terrain import terrain_of
 from antway.world.trace import Outcome
 from antway.world.world import Obstacle
-from common import cases
+from common import all_seen, cases
 from naive import people as naive
 
 ROOM = terrain_of(Grid(np.zeros((40, 40), np.bool_), 0.1))
@@ -48,7 +48,7 @@ def test_turns_are_those_that_the_slow_twin_counts() -> None:
             estimates[:, (X, Y)], estimates[:, RADIUS] = xy[seen], 0.3
             estimates[:, (VX, VY)], estimates[:, ID] = v[seen], seen
             estimates[seen == 5, SIGMA_V] = UNKNOWN
-            velocity_changes(table, turns, estimates, ROOM, step * i, np.empty((len(seen), 4)))
+            velocity_changes(table, turns, estimates, all_seen(estimates), ROOM, step * i, np.empty((len(seen), 4)))
             scans.append((step * i, {k: (*xy[k], *v[k]) for k in seen.tolist() if k != 5}))
             xy += step * v
             met = (xy < 0.3) & (v < 0.0) | (xy > 3.7) & (v > 0.0)
@@ -63,7 +63,7 @@ def test_a_wrong_velocity_in_the_first_scan_of_a_track_is_no_turn() -> None:
     table, turns = make_table(16, COLUMNS), np.array([FIRST_SECONDS, 0.0, 0.0])
     for i in range(20):
         estimates = np.array([[1.0 + 0.1 * i, 2.0, 1.0 if i % 10 else 0.0, 0.0, 0.3, 0.0, 0.0, float(i // 10)]])
-        velocity_changes(table, turns, estimates, ROOM, 0.1 * i, np.empty((1, 4)))
+        velocity_changes(table, turns, estimates, all_seen(estimates), ROOM, 0.1 * i, np.empty((1, 4)))
     assert turns[1] == 0.0 and turns[0] == pytest.approx(FIRST_SECONDS + 1.6)
 
 
@@ -76,7 +76,9 @@ def test_a_disc_that_bounces_off_a_wall_does_not_turn() -> None:
         for i in range(80):
             vy = 0.5 if mirrored or vx > 0.0 else -0.5
             estimates = np.array([[x, 1.0, vx, vy, 0.3, 0.0, 0.0, 7.0]])
-            velocity_changes(table, turns, estimates, terrain_of(Grid(blocked, 0.1)), 0.1 * i, np.empty((1, 4)))
+            velocity_changes(
+                table, turns, estimates, all_seen(estimates), terrain_of(Grid(blocked, 0.1)), 0.1 * i, np.empty((1, 4))
+            )
             x += 0.1 * vx
             vx = -abs(vx) if x > 2.7 else abs(vx) if x < 0.3 else vx
         assert turns[1] == number
@@ -111,7 +113,7 @@ def test_a_bounce_is_known_at_once_where_places_are_noisy(speed: float) -> None:
         xy, velocity = np.array([[x, 2.0]]) + rng.normal(0.0, 0.03, (1, 2)), np.array([[vx, 0.0]])
         tracks = Tracks([3], xy, velocity + rng.normal(0.0, 1.0, (1, 2)) * speed, [0.3])
         tracker.update(tracks, 0.1 * i, ROOM, (2.0, 2.0), 10.0)
-        tracker.compare(0.1 * i, ROOM, np.empty((1, 4)))
+        tracker.compare(0.1 * i, ROOM, all_seen(tracker.estimates), np.empty((1, 4)))
         wrong.append(abs(tracker.estimates[0, VX] - vx))
         x += 0.1 * vx
         vx = -abs(vx) if x > 3.7 else abs(vx) if x < 0.3 else vx
@@ -198,7 +200,7 @@ def test_scans_whose_time_goes_back_count_for_nothing() -> None:
     estimates[0, X], estimates[0, Y], estimates[0, RADIUS] = 2.0, 2.0, 0.3
     for i in range(40):
         estimates[0, VX] = float(i % 4 // 2)
-        velocity_changes(table, turns, estimates, ROOM, float(i % 2), np.empty((1, 4)))
+        velocity_changes(table, turns, estimates, all_seen(estimates), ROOM, float(i % 2), np.empty((1, 4)))
     assert turns.tolist() == [FIRST_SECONDS, 0.0, 0.0]
 
 
@@ -250,5 +252,5 @@ def test_a_scan_that_is_known_for_several_cycles_is_one(every: int) -> None:
         tracks = Tracks(np.arange(len(age)), places, velocities, np.full(len(age), 0.25))
         seen = tracker.corrected(Observation(t, (15.0, 15.0), (0.0, 0.0), 0.0, tracks, stamp=scan))
         tracker.update(seen.tracks, scan, terrain, (15.0, 15.0), 30.0)
-        tracker.compare(scan, terrain, out)
+        tracker.compare(scan, terrain, tracker.last_seen == scan, out)
     assert tracker.turns[0] == 0.0

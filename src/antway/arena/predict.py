@@ -188,8 +188,8 @@ def _estimates(walkers: list[Floats]) -> tuple[Floats, Floats, Floats]:
         scan = table[table[:, 0] == t]
         estimates = np.zeros((len(scan), 8))
         estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, ID] = scan[:, 2:4], scan[:, 4:6], scan[:, 1]
-        out = np.empty_like(estimates)
-        averaged(memory, pool, estimates, np.zeros((len(scan), 4)), float(t), False, out)  # recordings come without walls
+        seen, changes, out = np.ones(len(scan), np.bool_), np.zeros((len(scan), 4)), np.empty_like(estimates)  # without walls
+        averaged(memory, pool, estimates, seen, changes, float(t), False, out)
         known = scan[:, 8] >= PAST - 1e-9
         times.append(np.full(int(known.sum()), t))
         rows.append(out[known])

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from antway.kernels.base import records
-from antway.kernels.base.arrays import Floats, Ints
+from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import Predictions, Terrain
 from antway.kernels.base.rng import State
@@ -63,6 +63,7 @@ class Crowd(NamedTuple):
 
     people: Table  # [M, crowd.COLUMNS]
     prediction: Floats  # [M, STEPS, 2] m/s; predicted velocities
+    seen: Bools  # [M] which tracks the last scan shows
     changes: Floats  # [M, 4] how velocities have changed, see kernels/tracking/changes.py
     averaged: Floats  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
     turning: Turning
@@ -279,15 +280,16 @@ def cycle(
     The `estimates` are those of kernels/tracking/kalman.py, `age` s old.
     """
     s, n, scanned, most_delay = settings, len(estimates), now - age, 0.0
+    seen = crowd.seen[:n]
     averaged, velocity_error = crowd.averaged[:n], crowd.velocity_error[:n]
     # Compare earlier predictions with what happened.
-    turn_rates(crowd.turning, estimates, averaged, crowd.changes[:n], scanned)
-    compare_predictions(crowd.stored, crowd.pool, crowd.missed, averaged, scanned, velocity_error)
+    turn_rates(crowd.turning, estimates, seen, averaged, crowd.changes[:n], scanned)
+    compare_predictions(crowd.stored, crowd.pool, crowd.missed, averaged, seen, scanned, velocity_error)
     if s.wide_tubes.robot_radius > 0.0 and n > 0:
         copy_row(velocity_error, averaged[:, SIGMA_V])
         most_delay = _DELAY_PER_ERROR * velocity_error.mean()
     # Predict all obstacles.
-    foresee(crowd.people, estimates, scanned, s.preferred_speed, crowd.prediction)
+    foresee(crowd.people, estimates, seen, scanned, s.preferred_speed, crowd.prediction)
     predict_turns(estimates, crowd.turning.rate, crowd.prediction)
     c = _Cycle(memory, trails, state, context, terrain, s, plan, averaged, crowd.prediction[:n], now, age, xy[0], xy[1])
     as_predicted = _as_predicted(c)

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from antway.kernels.base.arrays import Floats, Ints
+from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.geometry import reflected
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
@@ -42,20 +42,22 @@ _BETTER = 0.9  # 1; another model replaces the last velocity if its error is bel
 
 
 @kernel
-def averaged(table: Table, pool: Floats, estimates: Floats, changes: Floats, t: float, restart: bool, out: Floats) -> None:
+def averaged(
+    table: Table, pool: Floats, estimates: Floats, seen: Bools, changes: Floats, t: float, restart: bool, out: Floats
+) -> None:
     """Copy `estimates`, float64[K, 8] (kernels/tracking/predict.py), to `out` with the velocities that predict best at `t` s.
 
-    `table` has the tracks known so far, [M, COLUMNS]; `pool`, float64[POOL], is that of `count_comparison`, zeros at first; and
-    `changes`, float64[K, 4], are those of `velocity_changes`. If `restart`, averages begin anew where somebody stops, sets out
-    or turns. A robot with inertia needs to know that at once, though places a second and more ahead are predicted a little
-    worse by it.
+    `seen`, bool[K], tells which of them the scan shows; the others keep their averages. `table` has the tracks known so far,
+    [M, COLUMNS]; `pool`, float64[POOL], is that of `count_comparison`, zeros at first; and `changes`, float64[K, 4], are those
+    of `velocity_changes`. If `restart`, averages begin anew where somebody stops, sets out or turns. A robot with inertia
+    needs to know that at once, though places a second and more ahead are predicted a little worse by it.
     """
     rows = table.rows
     drop_lost(table, t)
     row_at = np.full(len(estimates), -1)  # the row of each estimate, or -1 if it has none
     for k in range(len(estimates)):
         copy_row(estimates[k], out[k])
-        i, is_new = row_to_compare(table, estimates[k])
+        i, is_new = row_to_compare(table, estimates[k], seen[k])
         if i < 0:
             continue
         row_at[k] = i
@@ -63,6 +65,8 @@ def averaged(table: Table, pool: Floats, estimates: Floats, changes: Floats, t: 
             rows[i, SEEN], rows[i, _SINCE] = t, -math.inf
         elif changes[k, N_X] != 0.0 or changes[k, N_Y] != 0.0:
             _mirror(rows[i], changes[k, N_X], changes[k, N_Y])
+        if not seen[k]:
+            continue
         dt = t - rows[i, SEEN]
         _average(rows[i], estimates[k, VX], estimates[k, VY], dt, is_new)
         if restart and dt > 0.0:
@@ -73,9 +77,10 @@ def averaged(table: Table, pool: Floats, estimates: Floats, changes: Floats, t: 
         if row_at[k] < 0:
             continue
         row = rows[row_at[k]]
-        if t > row[SEEN] or row[_SINCE] == -math.inf:
-            _compare(row, pool, estimates[k], t)
-        row[SEEN] = t
+        if seen[k]:
+            if t > row[SEEN] or row[_SINCE] == -math.inf:
+                _compare(row, pool, estimates[k], t)
+            row[SEEN] = t
         best, least = 0, _BETTER * summed_error(row, pool, 0)
         for m in range(1, MODELS):
             if summed_error(row, pool, m) < least:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 
-from antway.kernels.base.arrays import Floats
+from antway.kernels.base.arrays import Bools, Floats
 from antway.kernels.base.geometry import reflected, wall_ahead
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import ID, RADIUS, SIGMA_V, VX, VY, X, Y
-from antway.kernels.tracking.table import SEEN, Table, drop_lost, row_for
+from antway.kernels.tracking.table import SEEN, Table, drop_lost, known_row
 
 # Columns of a row after TRACK_ID and SEEN: where and with what velocity the track was last seen, and in how many scans.
 _X, _Y, _VX, _VY, _SCANS = range(2, 7)
@@ -29,26 +29,30 @@ _CHANGED = 0.1  # m/s; a smaller change of velocity is not looked at as a bounce
 
 
 @bare_kernel
-def row_to_compare(table: Table, estimate: Floats) -> tuple[int, bool]:
-    """Do as `row_for`, but a track without an id, or whose velocity is not known, has the row -1, too."""
+def row_to_compare(table: Table, estimate: Floats, seen: bool) -> tuple[int, bool]:
+    """Do as `known_row`, but a track without an id, or whose velocity is not known, has the row -1, too."""
     if estimate[ID] < 0.0 or estimate[SIGMA_V] >= UNKNOWN:
         return -1, True
-    return row_for(table, estimate[ID])
+    return known_row(table, estimate[ID], seen)
 
 
 @kernel
-def velocity_changes(table: Table, turns: Floats, estimates: Floats, terrain: Terrain, t: float, out: Floats) -> None:
+def velocity_changes(
+    table: Table, turns: Floats, estimates: Floats, seen: Bools, terrain: Terrain, t: float, out: Floats
+) -> None:
     """Write how the velocity of each track has changed, and count the turns.
 
     `out`, float64[K, 4], is filled; see BEFORE_VX and the others above. `table` has the tracks known so far, [M, COLUMNS]. What
     the scan shows is added to `turns`, float64[3]; at first it is FIRST_SECONDS without a turn. The estimates are those of
-    kernels/tracking/predict.py at time `t` s.
+    kernels/tracking/predict.py at time `t` s, and `seen`, bool[K], tells which of them the scan shows; others do not change.
     """
     drop_lost(table, t)
     for k in range(len(estimates)):
         vx, vy, before = estimates[k, VX], estimates[k, VY], out[k]
         before[BEFORE_VX], before[BEFORE_VY], before[N_X], before[N_Y] = vx, vy, 0.0, 0.0
-        i, is_new = row_to_compare(table, estimates[k])
+        if not seen[k]:
+            continue
+        i, is_new = row_to_compare(table, estimates[k], True)
         if i < 0:
             continue
         row = table.rows[i]

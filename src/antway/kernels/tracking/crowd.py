@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from antway.kernels.base.arrays import Floats, Ints
+from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.geometry import wrap_below_pi
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
@@ -144,14 +144,14 @@ def straighten(prediction: Floats, first: int, last: int) -> None:
 
 
 @kernel
-def foresee(table: Table, estimates: Floats, t: float, preferred_speed: float, prediction: Floats) -> None:
+def foresee(table: Table, estimates: Floats, seen: Bools, t: float, preferred_speed: float, prediction: Floats) -> None:
     """Update the rows with one scan, and predict.
 
     `table` has the people known so far, [M, COLUMNS] with ids in ID: one row for each of the `estimates`, float64[K, 8]
     (kernels/tracking/predict.py), in the same order, and none for a crowd of more than _MOST. A track with a negative id has no
-    past. People walk at `preferred_speed` m/s if nothing is near. `prediction`, float64[N, STEPS, 2], is filled with each
-    person's velocity in steps of STEP_TIME s from `t` on, m/s. NaN in the first step means that the track is not predicted
-    here.
+    past, and from one that is not `seen`, bool[K], in this scan nothing is learnt. People walk at `preferred_speed` m/s if
+    nothing is near. `prediction`, float64[N, STEPS, 2], is filled with each person's velocity in steps of STEP_TIME s from `t`
+    on, m/s. NaN in the first step means that the track is not predicted here.
     """
     rows, n = table.rows, len(estimates)
     prediction[:n, 0, 0] = math.nan
@@ -161,7 +161,7 @@ def foresee(table: Table, estimates: Floats, t: float, preferred_speed: float, p
     most = max(n, table.used[0])
     lines, line_count = np.empty((most, most, 4)), np.empty(most, np.int64)
     people, work, out = np.zeros((n, COLUMNS)), np.empty((n, 4)), np.empty(2)
-    _update(table, estimates, t, preferred_speed, lines, line_count, people)
+    _update(table, estimates, seen, t, preferred_speed, lines, line_count, people)
     for k in range(n):
         copy_row(people[k], rows[k])
     table.used[0] = n
@@ -186,11 +186,18 @@ def foresee(table: Table, estimates: Floats, t: float, preferred_speed: float, p
 
 @bare_kernel
 def _update(
-    table: Table, estimates: Floats, t: float, preferred_speed: float, lines: Floats, line_count: Ints, out: Floats
+    table: Table,
+    estimates: Floats,
+    seen: Bools,
+    t: float,
+    preferred_speed: float,
+    lines: Floats,
+    line_count: Ints,
+    out: Floats,
 ) -> None:
     """Write to `out` the rows of the people of one scan, updated from those before it; `lines` and `line_count` are scratch."""
     known = table.rows[: table.used[0]]
-    dt = t - known[0, _SEEN] if len(known) > 0 else 0.0  # all were seen in the scan before
+    dt = t - known[0, _SEEN] if len(known) > 0 else 0.0  # all are as old as the scan before
     if dt > 0.0:
         _lines(known, max(dt, 0.01), lines, line_count)
     for k in range(len(estimates)):
@@ -198,7 +205,7 @@ def _update(
         before = row_of(table, estimates[k, ID]) if estimates[k, ID] >= 0.0 else -1
         if before >= 0:
             copy_row(known[before], row)
-            if dt > 0.0:
+            if dt > 0.0 and seen[k]:
                 vx, vy = estimates[k, VX], estimates[k, VY]
                 if row[_A11] + row[_A22] > 0.0:  # only predictions with a known goal are compared
                     row[_CONSTANT_ERROR] = _DECAY * row[_CONSTANT_ERROR] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from antway.kernels.base.arrays import Floats
+from antway.kernels.base.arrays import Bools, Floats
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tracking.changes import BEFORE_VX, BEFORE_VY, N_X, N_Y, row_to_compare
 from antway.kernels.tracking.crowd import STEPS, straighten
@@ -47,27 +47,29 @@ class Turning(NamedTuple):
 
 
 @kernel
-def turn_rates(turning: Turning, estimates: Floats, straight: Floats, changes: Floats, t: float) -> None:
+def turn_rates(turning: Turning, estimates: Floats, seen: Bools, straight: Floats, changes: Floats, t: float) -> None:
     """Write to `turning.rate` with which turn rate each track is predicted at time `t` s.
 
-    The estimates are those of kernels/tracking/predict.py, and `straight` the same with the velocities of the straight lines; a
-    track that turns gets its last velocity there. `changes`, float64[K, 4], are those of `velocity_changes`.
+    The estimates are those of kernels/tracking/predict.py, and `seen`, bool[K], tells which of them the scan shows; the others
+    keep their turn rates. `straight` is the same with the velocities of the straight lines; a track that turns gets its last
+    velocity there. `changes`, float64[K, 4], are those of `velocity_changes`.
     """
     table, pool, rate = turning
     drop_lost(table, t)
     for k in range(len(estimates)):
         estimate = estimates[k]
         rate[k] = 0.0
-        i, is_new = row_to_compare(table, estimate)
+        i, is_new = row_to_compare(table, estimate, seen[k])
         if i < 0:
             continue
         row = table.rows[i]
         if is_new:
             row[_SINCE] = -math.inf
-        elif t > row[SEEN]:
+        elif seen[k] and t > row[SEEN]:
             _average(row, estimate, changes[k], t - row[SEEN])
             _compare(row, pool, estimate, straight[k], t)
-        row[SEEN] = t
+        if seen[k]:
+            row[SEEN] = t
         if summed_error(row, pool, _TURNING) < _BETTER * summed_error(row, pool, _STRAIGHT):
             rate[k] = row[_RATE]
             straight[k, VX], straight[k, VY] = estimate[VX], estimate[VY]

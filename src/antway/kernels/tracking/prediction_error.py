@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 
 from antway.kernels.base import records
-from antway.kernels.base.arrays import Floats, Ints
+from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import ID, SIGMA_V, VX, VY, X, Y
-from antway.kernels.tracking.table import SEEN, Table, drop_lost, row_for, row_of
+from antway.kernels.tracking.table import SEEN, Table, drop_lost, known_row, row_of
 
 # Columns of a row after TRACK_ID and SEEN: when the track's place was predicted, for which time, and that place. The last two
 # are its errors (see `count_comparison`).
@@ -72,24 +72,30 @@ def distrust(pool: Floats, missed: Ints) -> float:
 
 
 @kernel
-def compare_predictions(table: Table, pool: Floats, missed: Ints, estimates: Floats, t: float, out: Floats) -> None:
+def compare_predictions(
+    table: Table, pool: Floats, missed: Ints, estimates: Floats, seen: Bools, t: float, out: Floats
+) -> None:
     """Write the standard deviation of each track's predicted velocity along one axis, m/s, to `out`, float64[K].
 
     `table` has the tracks known so far, [M, COLUMNS]. `pool`, float64[2], is as in `count_comparison`, with one model; at first
     it is POOL. `missed`, int64[1], is the number of predictions of all tracks that missed; at first it is 0. The estimates are
-    those of kernels/tracking/predict.py at time `t` s.
+    those of kernels/tracking/predict.py at time `t` s; those that the scan does not show, as `seen`, bool[K], tells, are not
+    compared: they are where they were predicted.
     """
     drop_lost(table, t)
     for k in range(len(estimates)):
         out[k] = _AXIS * pool[0]
         if estimates[k, ID] < 0.0:
             continue
-        i, is_new = row_for(table, estimates[k, ID])
+        i, is_new = known_row(table, estimates[k, ID], seen[k])
         if i < 0:
             continue
         row = table.rows[i]
         if is_new:
             row[_DUE] = -math.inf
+        out[k] = velocity_error(row, pool, 0)
+        if not seen[k]:
+            continue
         overdue = t - row[_DUE]
         if -1e-6 < overdue < 0.5 * LATER:
             x, y = estimates[k, X] - estimates[k, VX] * overdue, estimates[k, Y] - estimates[k, VY] * overdue

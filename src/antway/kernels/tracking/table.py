@@ -58,6 +58,12 @@ def row_for(table: Table, track_id: float) -> tuple[int, bool]:
 
 
 @bare_kernel
+def known_row(table: Table, track_id: float, seen: bool) -> tuple[int, bool]:
+    """Do as `row_for`, but a track that is not `seen` gets no new row."""
+    return row_for(table, track_id) if seen else (row_of(table, track_id), False)
+
+
+@bare_kernel
 def row_or_oldest(table: Table, track_id: float) -> tuple[int, bool]:
     """Do as `row_for`, but in a full table a new track replaces the one that was unseen for longest."""
     i, is_new = row_for(table, track_id)

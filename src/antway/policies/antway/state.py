@@ -136,6 +136,7 @@ def make_crowd(task: Task) -> Crowd:
     return Crowd(
         people=make_table(rows, crowd.COLUMNS, ID),
         prediction=np.empty((rows, crowd.STEPS, 2)),
+        seen=np.zeros(rows, np.bool_),
         changes=np.zeros((rows, 4)),
         averaged=np.zeros((rows, 8)),
         turning=curves.Turning(make_table(rows, curves.COLUMNS), np.zeros(curves.POOL), np.zeros(rows)),
@@ -204,16 +205,18 @@ def update_tracks(s: State, o: Observation, strict: bool) -> None:
     """Update the track estimates with a scan."""
     t = o.sensed_at
     s.tracker.update(o.tracks, t, s.terrain, o.xy, s.task.robot.sensor_range)
-    s.tracker.compare(t, s.terrain, s.crowd.changes)
     estimates = s.tracker.estimates
+    seen = s.crowd.seen[: len(estimates)]
+    seen[:] = s.tracker.last_seen == t
+    s.tracker.compare(t, s.terrain, seen, s.crowd.changes)
     # A track that is not in this scan may have turned back at the edge already.
     outside = len(estimates) > 0 and s.settings.tubes.edges and call(crosses_edge, estimates, s.terrain)
-    if outside and call(crosses_edge, s.tracker.seen_at(t), s.terrain):
+    if outside and call(crosses_edge, estimates[seen], s.terrain):
         s.settings = without_edges(s.settings)
     if strict:
         s.crowd.averaged[: len(estimates)] = estimates
     else:
-        s.tracker.average(t, s.crowd.changes, not s.task.robot.stepwise, s.crowd.averaged)
+        s.tracker.average(t, seen, s.crowd.changes, not s.task.robot.stepwise, s.crowd.averaged)
 
 
 def adapt_settings(s: State, now: float, horizon: float) -> None:

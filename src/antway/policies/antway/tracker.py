@@ -101,20 +101,16 @@ class Tracker:
         """When each of the tracks was last seen, float64[K], s."""
         return self.table.rows[: len(self.estimates), kalman.T].copy()
 
-    def seen_at(self, t: float) -> Floats:
-        """Return the estimates of the tracks in the scan at time `t` s."""
-        return np.asarray(self.estimates[self.last_seen == t])
+    def compare(self, t: float, terrain: Terrain, seen: Bools, out: Floats) -> None:
+        """Write to `out` how velocities of the tracks `seen` have changed up to the scan at time `t` s, and count the turns."""
+        call(changes.velocity_changes, self._seen, self._turns, self.estimates, seen, terrain, float(t), out)
 
-    def compare(self, t: float, terrain: Terrain, out: Floats) -> None:
-        """Write to `out` how velocities have changed up to the scan at time `t` s, and count the turns."""
-        call(changes.velocity_changes, self._seen, self._turns, self.estimates, terrain, float(t), out)
-
-    def average(self, t: float, changed: Floats, restart: bool, out: Floats) -> None:
+    def average(self, t: float, seen: Bools, changed: Floats, restart: bool, out: Floats) -> None:
         """Write the estimates at time `t` s to `out`, with the velocities that predict best.
 
-        `changed` is from `compare`, and `restart` as in kernels/tracking/averages.py.
+        `changed` is from `compare`, and the others are as in kernels/tracking/averages.py.
         """
-        call(averages.averaged, self.averages, self.pool, self.estimates, changed, float(t), restart, out)
+        call(averages.averaged, self.averages, self.pool, self.estimates, seen, changed, float(t), restart, out)
 
     @property
     def turns(self) -> tuple[float, float]:
