@@ -8,6 +8,7 @@ import math
 import random
 import sys
 import threading
+import time
 from itertools import pairwise
 
 import numpy as np
@@ -117,6 +118,24 @@ def test_tightening_excludes_no_feasible_order() -> None:
                 must = {k for k in range(n + 1) if path.windows.before[j, k // 64] >> np.uint64(k % 64) & np.uint64(1)}
                 assert must <= set(full[: p + 1]), case
     assert seen > 100
+
+
+def test_tightening_ends_where_two_stops_are_reached_soonest_from_each_other() -> None:
+    """Stops 1 and 2 lie side by side, and all ways to them from elsewhere begin late: each window shifts the other's by 10 ms."""
+    late, lane = 1e6, 3e6
+    matrix = [
+        [0, lane, lane, 10, 10],
+        [10, 0, 0.01, 10, 10],
+        [10, 0.01, 0, 10, 10],
+        [10, 10, lane, 0, 10],
+        [10, 10, lane, 10, 0],
+    ]
+    windows = [[0, math.inf], [0, 2 * late], [0, 2 * late], [late, 2 * late], [late, 2 * late]]
+    solve_tsptw(Tsptw(np.ones((5, 5)), windows), cycles=5)  # compiles
+    begun = time.process_time()
+    result = solve_tsptw(Tsptw(matrix, windows), cycles=5)
+    assert time.process_time() - begun < 5.0, "a hundred million rounds would take about 15 s"
+    assert result.proven and result.order.tolist() == [0, 3, 1, 2, 4]
 
 
 def test_conflicts_name_stops_that_no_order_visits() -> None:
