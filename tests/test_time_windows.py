@@ -22,6 +22,7 @@ from antway.kernels.base import rng as random_kernel
 from antway.kernels.colony import windows as kernel
 from antway.kernels.colony.window_repair import lateness, least_late_place, repair
 from antway.kernels.colony.window_search import MoveOptions, refresh, settle, shake, timed_order, value
+from antway.tours.ordering import order_stops
 from antway.tours.time_windows import Tsptw, parse
 from antway.tours.windowed import Path
 from common import SHARED, cases, needs_data
@@ -92,6 +93,33 @@ def test_equal_to_dynamic_programming() -> None:
         )
         assert (result.cost if result.feasible else math.inf) == pytest.approx(best, rel=1e-9), case
         assert not result.proven or result.bound <= result.cost * (1 + 1e-9)
+
+
+def test_the_end_comes_before_the_travel_time_where_an_order_is_proven() -> None:
+    """Nodes open so late that an order may be back sooner whose travel time is more than a million times as much longer."""
+    rng, proven = np.random.default_rng(4), 0
+    for case in range(cases(60, 1_000)):
+        n = int(rng.integers(3, 7))
+        matrix = np.where(rng.random((n, n)) < 0.3, 1.4e6, rng.integers(1, 10, (n, n)))
+        windows = np.c_[np.where(rng.random(n) < 0.4, 3e6 + rng.integers(0, 10, n), 0.0), np.full(n, 1e8)]
+        result = solve_tsptw(Tsptw(matrix, windows), objective="makespan", cycles=20, seed=case)
+        best = naive.best(matrix.tolist(), windows.tolist(), True)
+        proven += result.proven
+        assert result.cost == best or not result.proven, case
+        assert result.history[-1, 1] == result.cost, case
+    assert proven > case / 2
+    matrix = [[0, 5, 1.4e6], [9, 0, 5], [5, 1.4e6, 0]]
+    answer = order_stops(matrix, end="start", windows=[(0, 1e8), (3e6, 1e8), (0, 1e8)], objective="makespan", cycles=20)
+    assert answer.orders[0].tolist() == [0, 2, 1, 0] and answer.bound <= answer.cost == 3_000_009.0
+
+
+def test_a_target_of_the_makespan_is_met_by_the_end() -> None:
+    """The best order is back a millionth after the first target, which is not met then: the search ends by its proof."""
+    windows = [[0, 1e9], [0, 1e9], [0, 1e9], [1e6, 1e9]]
+    slow = Tsptw([[0, 1, 1, 1], [1, 0, 1, 1], [1, 1, 0, 1], [3, 2, 1, 0]], windows)
+    for target, met in (1_000_001.0, False), (1_000_002.0, True):
+        result = solve_tsptw(slow, objective="makespan", cycles=50, target=target, initial=[0, 1, 2, 3])
+        assert result.cost == 1_000_002.0 and result.proven != met
 
 
 def test_tightening_excludes_no_feasible_order() -> None:
