@@ -149,7 +149,7 @@ def test_tightening_excludes_no_feasible_order() -> None:
 
 
 def test_tightening_ends_where_two_stops_are_reached_soonest_from_each_other() -> None:
-    """Stops 1 and 2 lie side by side, and all ways to them from elsewhere begin late: each window shifts the other's by 10 ms."""
+    """Stops 1 and 2 lie side by side, and all ways to them from elsewhere begin late: each window shifts the other by 10 ms."""
     late, lane = 1e6, 3e6
     matrix = [
         [0, lane, lane, 10, 10],
