@@ -80,7 +80,8 @@ def worth_bound(stops: Stops) -> float:
         done = done + far[:, stops.end] + stops.service[stops.end]
     elif stops.closed:
         done = done + far[:, start]
-    possible = (first <= windows[:, 1] * (1.0 + 1e-9)) & (done <= stops.deadline * (1.0 + 1e-9))
+    latest, over = windows[:, 1] + 1e-9 * (1.0 + windows[:, 1]), stops.deadline + 1e-9 * (1.0 + stops.deadline)
+    possible = (first <= latest) & (done <= over) & np.isfinite(done)
     possible[stops.ends] = True
     return float(stops.priorities[possible].sum())
 
