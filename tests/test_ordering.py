@@ -303,6 +303,25 @@ def test_a_deadline_may_be_the_end() -> None:
     assert answer.collected == 3.0 and answer.feasible and answer.orders[0].tolist() == [0, 2, 3]
 
 
+@pytest.mark.parametrize("robots", [1, 2])
+def test_a_second_late_is_late_however_late_the_end_is(robots: int) -> None:
+    """One window is missed by 0.9 s, and another opens after 30 years; a deadline of 30 years is missed by 0.5 s."""
+    matrix = [[0, 0.9, 1], [1, 0, 1], [1, 1, 0]]
+    answer = order_stops(matrix, windows=[[0, math.inf], [0, 0], [1e9, 1e9]], robots=robots, cycles=5)
+    assert not answer.feasible and answer.lateness == pytest.approx(0.9)
+    answer = order_stops(matrix, end="start", windows=[[0, math.inf], [0, math.inf], [1e9, 1e9]], deadline=1e9 + 0.5, cycles=5)
+    assert not answer.feasible and answer.lateness == pytest.approx(0.5)
+
+
+def test_what_cannot_be_reached_is_not_in_the_bound() -> None:
+    """Without a deadline either: no robot collects what it has no path to, or no path to the end from."""
+    for gone in (np.s_[:, 3], np.s_[3, :]):
+        matrix = np.full((5, 5), 5.0)
+        matrix[gone] = math.inf
+        answer = order_stops(matrix, end=4, priorities=[0, 1, 2, 4, 0], cycles=5)
+        assert answer.collected == answer.bound == 3.0 and answer.gap == 0.0
+
+
 def test_no_robot_is_back_before_a_window_opens() -> None:
     answer = order_stops(np.ones((3, 3)), windows=[(0, 9), (8, 9), (0, 9)], robots=2, objective="makespan", cycles=2)
     assert answer.cost == 8.0 and answer.bound == pytest.approx(8.0)
@@ -424,6 +443,7 @@ def test_routes_that_become_late_by_waiting_are_late(more: dict) -> None:
         ({"cycles": 1.5}, "cycles"),
         ({"seed": -1}, "seed"),
         ({"initial": [0, 1.5, 2]}, "initial"),
+        ({"initial": [0, 1, 2, 1]}, "initial"),
         ({"initial": "tour"}, "initial"),
     ],
 )

@@ -8,6 +8,7 @@ import math
 import random
 import sys
 import threading
+import time
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +22,7 @@ from antway.kernels.base import rng as random_kernel
 from antway.kernels.colony import windows as kernel
 from antway.kernels.colony.window_repair import lateness, least_late_place, repair
 from antway.kernels.colony.window_search import MoveOptions, refresh, settle, shake, timed_order, value
+from antway.tours.ordering import order_stops
 from antway.tours.time_windows import Tsptw, parse
 from antway.tours.windowed import Path
 from common import SHARED, cases, needs_data
@@ -93,6 +95,33 @@ def test_equal_to_dynamic_programming() -> None:
         assert not result.proven or result.bound <= result.cost * (1 + 1e-9)
 
 
+def test_the_end_comes_before_the_travel_time_where_an_order_is_proven() -> None:
+    """Nodes open so late that an order may be back sooner whose travel time is more than a million times as much longer."""
+    rng, proven = np.random.default_rng(4), 0
+    for case in range(cases(60, 1_000)):
+        n = int(rng.integers(3, 7))
+        matrix = np.where(rng.random((n, n)) < 0.3, 1.4e6, rng.integers(1, 10, (n, n)))
+        windows = np.c_[np.where(rng.random(n) < 0.4, 3e6 + rng.integers(0, 10, n), 0.0), np.full(n, 1e8)]
+        result = solve_tsptw(Tsptw(matrix, windows), objective="makespan", cycles=20, seed=case)
+        best = naive.best(matrix.tolist(), windows.tolist(), True)
+        proven += result.proven
+        assert result.cost == best or not result.proven, case
+        assert result.history[-1, 1] == result.cost, case
+    assert proven > case / 2
+    matrix = [[0, 5, 1.4e6], [9, 0, 5], [5, 1.4e6, 0]]
+    answer = order_stops(matrix, end="start", windows=[(0, 1e8), (3e6, 1e8), (0, 1e8)], objective="makespan", cycles=20)
+    assert answer.orders[0].tolist() == [0, 2, 1, 0] and answer.bound <= answer.cost == 3_000_009.0
+
+
+def test_a_target_of_the_makespan_is_met_by_the_end() -> None:
+    """The best order is back a millionth after the first target, which is not met then: the search ends by its proof."""
+    windows = [[0, 1e9], [0, 1e9], [0, 1e9], [1e6, 1e9]]
+    slow = Tsptw([[0, 1, 1, 1], [1, 0, 1, 1], [1, 1, 0, 1], [3, 2, 1, 0]], windows)
+    for target, met in (1_000_001.0, False), (1_000_002.0, True):
+        result = solve_tsptw(slow, objective="makespan", cycles=50, target=target, initial=[0, 1, 2, 3])
+        assert result.cost == 1_000_002.0 and result.proven != met
+
+
 def test_tightening_excludes_no_feasible_order() -> None:
     """Windows, precedence and arcs hold for every feasible order, and a stuck task has none."""
     rng, seen = np.random.default_rng(3), 0
@@ -117,6 +146,24 @@ def test_tightening_excludes_no_feasible_order() -> None:
                 must = {k for k in range(n + 1) if path.windows.before[j, k // 64] >> np.uint64(k % 64) & np.uint64(1)}
                 assert must <= set(full[: p + 1]), case
     assert seen > 100
+
+
+def test_tightening_ends_where_two_stops_are_reached_soonest_from_each_other() -> None:
+    """Stops 1 and 2 lie side by side, and all ways to them from elsewhere begin late: each window shifts the other by 10 ms."""
+    late, lane = 1e6, 3e6
+    matrix = [
+        [0, lane, lane, 10, 10],
+        [10, 0, 0.01, 10, 10],
+        [10, 0.01, 0, 10, 10],
+        [10, 10, lane, 0, 10],
+        [10, 10, lane, 10, 0],
+    ]
+    windows = [[0, math.inf], [0, 2 * late], [0, 2 * late], [late, 2 * late], [late, 2 * late]]
+    solve_tsptw(Tsptw(np.ones((5, 5)), windows), cycles=5)  # compiles
+    begun = time.process_time()
+    result = solve_tsptw(Tsptw(matrix, windows), cycles=5)
+    assert time.process_time() - begun < 5.0, "a hundred million rounds would take about 15 s"
+    assert result.proven and result.order.tolist() == [0, 3, 1, 2, 4]
 
 
 def test_conflicts_name_stops_that_no_order_visits() -> None:

@@ -319,6 +319,28 @@ def test_points_may_be_iterators() -> None:
     assert tour.order.tolist() == plain.order.tolist() and tour.arrival.tolist() == plain.arrival.tolist()
 
 
+def test_times_that_are_too_long_name_what_makes_them_so() -> None:
+    """The matrix of times is no argument of `plan_tour`: speed or costs are too little or too much for a way of 2 km."""
+    field, there = Grid(np.zeros((1, 3), dtype=bool), resolution=1e3), [(1500.0, 500.0), (2500.0, 500.0)]
+    with pytest.raises(BadInput, match=r"speed = 1e-06: must be such that no way to stops\[1\] \(lab\) takes more"):
+        plan_tour(field, (500.0, 500.0), there, speed=1e-6, names=["ward", "lab"])
+    with pytest.raises(BadInput, match=r"costs = 1000000.0: must be such that no way to the end takes"):
+        plan_tour(field, (500.0, 500.0), there[:1], end=there[1], costs=np.full((1, 3), 1e6))
+
+
+def test_a_robot_without_stops_drives_to_the_end_too() -> None:
+    tour = plan_tour(HALL, (0.5, 0.5), GOOD, end=(4.5, 0.5), robots=2, priorities=[1, 1], deadline=1.0, cycles=5)
+    assert [len(route.legs) for route in tour.routes] == [1, 1] and len(tour.skipped) == 2
+    tour = plan_tour(HALL, (0.5, 0.5), GOOD, end=(4.5, 0.5), robots=2, cycles=5)
+    k = next(k for k, route in enumerate(tour.routes) if not len(route.order))
+    check_tour(tour)
+    idle = replace(tour.routes[k], legs=(), length=0.0, duration=0.0)
+    rest = sum(route.length for route in tour.routes) - tour.routes[k].length
+    routes = tuple(idle if i == k else route for i, route in enumerate(tour.routes))
+    with pytest.raises(InvalidPlan, match=f"robot {k} has 0 legs for 1 places to go to"):
+        check_tour(replace(tour, routes=routes, length=rest, cost=rest, bound=0.0, gap=math.inf))
+
+
 def test_errors_call_stops_by_their_names() -> None:
     with pytest.raises(BadInput, match=r"stops\[1\] \(lab\) = \(6.5, 1.5\)"):
         plan_tour(HALL, (0.5, 0.5), [(1.5, 1.5), (6.5, 1.5)], names=["ward", "lab"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import threading
 import time
@@ -128,6 +129,17 @@ def test_few_cities_have_their_shortest_tour(rule, local_search):
             tour = solve_tsp(instance, rule, local_search=local_search, cycles=60, ants=10)
             assert sorted(tour.order) == list(range(n))
             assert tour.length == pytest.approx(shortest, abs=1e-9)
+
+
+def test_the_gap_of_a_tour_of_some_length_is_infinite_where_the_shortest_has_none():
+    """One ant does not find the ring of length 0 in its first tour, and many do later."""
+    rng = np.random.default_rng(2)
+    matrix, ring = (rng.random((12, 12)) < 0.85) * 5.0, rng.permutation(12)
+    matrix[ring, np.roll(ring, 1)] = 0.0
+    instance = Tsp(matrix=np.minimum(matrix, matrix.T), optimum=0.0)
+    first = solve_tsp(instance, "as", ants=1, cycles=1, candidates=3, seed=2)
+    best = solve_tsp(instance, "mmas", local_search="3opt", cycles=200)
+    assert (first.length > 0.0, first.gap) == (True, math.inf) and (best.length, best.gap) == (0.0, 0.0)
 
 
 def test_many_cities_in_one_place():

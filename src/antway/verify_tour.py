@@ -92,7 +92,7 @@ def _visit_faults(tour: TourPlan) -> Iterator[str]:
         if len(route.arrival) != len(order) or len(route.waiting) != len(order):
             yield f"robot {k} has {len(order)} stops, {len(route.arrival)} arrivals and {len(route.waiting)} times of waiting"
         legs = len(order) + (task.end is not None)
-        if len(route.legs) != legs and not (not order and not route.legs):
+        if len(route.legs) != legs:
             yield f"robot {k} has {len(route.legs)} legs for {legs} places to go to"
     missing = set(range(count)) - seen
     if task.priorities is None:
@@ -107,7 +107,7 @@ def _drive(tour: TourPlan, route: Route) -> tuple[list[str], float, float, float
     free = task.grid.inflate(task.robot_radius)
     at, now, driven, late = free.cell_at(task.start), 0.0, 0.0, 0.0
     targets: list[int | None] = [int(stop) for stop in route.order]
-    if task.end is not None and route.legs:
+    if task.end is not None:
         targets.append(None)
     for k, (stop, plan) in enumerate(zip(targets, route.legs)):
         place = task.stops[stop] if stop is not None else task.start if task.end == "start" else task.end

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -78,10 +79,10 @@ class Tour:
 
     @property
     def gap(self) -> float | None:
-        """length / optimum - 1, if the optimum is known."""
+        """length / optimum - 1, if the optimum is known; infinite for a tour of some length where the optimum is 0."""
         if self.optimum is None:
             return None
-        return self.length / self.optimum - 1.0 if self.optimum > 0.0 else 0.0
+        return self.length / self.optimum - 1.0 if self.optimum > 0.0 else math.inf if self.length > 0.0 else 0.0
 
 
 def solve_tsp(

@@ -6,9 +6,7 @@ import numpy as np
 
 from antway.kernels.colony.windows import assignment, shortest
 from antway.tours.stops import Floats, Stops
-from antway.tours.untimed import closed_matrix, held_karp_bound
-
-_SAFE = 1.0 - 1e-9  # factor that allows for rounding errors of sums
+from antway.tours.untimed import SAFE, closed_matrix, held_karp_bound, rounded_down
 
 
 def quick_bound(stops: Stops) -> float:
@@ -19,7 +17,7 @@ def quick_bound(stops: Stops) -> float:
     np.fill_diagonal(steps, np.inf)
     entered = steps.min(axis=0)
     entered[stops.start] = entered[stops.start] if stops.closed and len(steps) > 1 else 0.0
-    travel = float(entered.sum()) * _SAFE if np.isfinite(entered).all() else 0.0
+    travel = float(entered.sum()) * SAFE if np.isfinite(entered).all() else 0.0
     return travel if stops.objective == "travel time" else travel / stops.robots
 
 
@@ -41,7 +39,7 @@ def lower_bound(stops: Stops) -> float:
         each = each + far[inner, stops.end] + home
     shared = leaves + (travel + float(stops.service[inner].sum())) / stops.robots
     own = float(stops.service[stops.ends].sum()) if stops.robots == 1 else 0.0
-    return max(float(each.max(initial=0.0)) * _SAFE, shared + own * _SAFE)
+    return max(float(each.max(initial=0.0)) * SAFE, shared + own * SAFE)
 
 
 def travel_bound(stops: Stops) -> float:
@@ -51,11 +49,11 @@ def travel_bound(stops: Stops) -> float:
         return 0.0
     if n == 2:
         there, back = stops.matrix[stops.start, 1 - stops.start], stops.matrix[1 - stops.start, stops.start]
-        return float(there + (back if stops.closed else 0.0)) * _SAFE
+        return float(there + (back if stops.closed else 0.0)) * SAFE
     matrix = stops.matrix if stops.robots == 1 else shortest(stops.matrix)
     if stops.robots > 1 and not stops.closed:
         # Routes with a common start form a tree; a given end is ignored.
-        return _tree(np.minimum(matrix, matrix.T)) * _SAFE
+        return _tree(np.minimum(matrix, matrix.T)) * SAFE
     if np.array_equal(matrix, matrix.T):
         return held_karp_bound(*closed_matrix(stops, matrix)[:2])
     path = matrix.copy()
@@ -69,7 +67,7 @@ def travel_bound(stops: Stops) -> float:
         else:
             rows = rows[rows != stops.end]
     leave, enter = assignment(np.ascontiguousarray(path[np.ix_(rows, columns)]))
-    return max(0.0, float(leave.sum() + enter.sum())) * _SAFE
+    return rounded_down(float(leave.sum() + enter.sum()), matrix)
 
 
 def worth_bound(stops: Stops) -> float:
@@ -82,7 +80,8 @@ def worth_bound(stops: Stops) -> float:
         done = done + far[:, stops.end] + stops.service[stops.end]
     elif stops.closed:
         done = done + far[:, start]
-    possible = (first <= windows[:, 1] * (1.0 + 1e-9)) & (done <= stops.deadline * (1.0 + 1e-9))
+    latest, over = windows[:, 1] + 1e-9 * (1.0 + windows[:, 1]), stops.deadline + 1e-9 * (1.0 + stops.deadline)
+    possible = (first <= latest) & (done <= over) & np.isfinite(done)
     possible[stops.ends] = True
     return float(stops.priorities[possible].sum())
 

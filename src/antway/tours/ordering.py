@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -20,7 +21,7 @@ from antway.tours.untimed import FEW, improved_order, is_untimed, shortest_order
 _QUICK = 0.2  # s; with less time, an earlier answer is only improved by local search
 _PREPARATION = 6e-8  # s per cubed number of stops; with less time, the analysis of windows (a quarter of it) is left out
 _SOON = 50  # number of stops up to which the bound takes a few ms, so that the search for several routes may end at it
-_NEAR = 1e-9  # share of the end time; tolerance of sums of times
+_NEAR = 1e-9  # share of the cost by which the bound of a proven order is lower
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +38,8 @@ class Ordering:
     cost : float
         The objective: the sum of travel times, or the end time of the last robot, in s.
     lateness : float
-        Sum of the delays of service after the ends of windows, and of robots after the deadline, in s.
+        Sum of the delays of service after the ends of windows, and of robots after the deadline, in s. Delays of less than
+        1e-11 of the time do not count, which sums of floats are wrong by.
     feasible : bool
         Whether lateness is 0 and every required stop is visited.
     collected : float
@@ -110,7 +112,7 @@ def order_stops(
     seed : int
         In [0, 2**64 - 1]. The same seed and number of cycles give the same bytes.
     initial : Ordering, sequence of int, or None
-        An earlier answer or order from which the search continues.
+        An earlier answer or order from which the search continues; stops from n on no longer exist and are left out.
     quick : bool
         Whether only local search improves `initial`, with a weak bound; this is always so with less than 0.2 s.
 
@@ -182,10 +184,13 @@ def _initial(stops: Stops, initial: Ordering | object) -> tuple[list[Order] | No
         given, learned = [checks.array("initial", initial, (None,))], None  # type: ignore[list-item]
     n, orders = len(stops.matrix), []
     for order in given:
-        wrong = [stop for stop in order.tolist() if not (stop >= 0 and stop == int(stop))]
+        listed = order.tolist()
+        # A closed tour has its start at both ends.
+        seen = Counter(listed[:-1] if len(listed) > 1 and listed[0] == listed[-1] else listed)
+        wrong = [stop for stop, times in seen.items() if times > 1 or not (stop >= 0 and stop == int(stop))]
         if wrong:
             raise BadParameter("initial", wrong[0], f"stops 0 to {n - 1}, each at most once")
-        inner = list(dict.fromkeys(int(stop) for stop in order.tolist() if stop < n and int(stop) not in stops.ends))
+        inner = [int(stop) for stop in seen if stop < n and int(stop) not in stops.ends]
         tail = [] if stops.end is None else [stops.end]
         orders.append(np.array([stops.start, *inner, *tail], dtype=np.int32))
     return orders or None, learned
@@ -193,11 +198,9 @@ def _initial(stops: Stops, initial: Ordering | object) -> tuple[list[Order] | No
 
 def finished(stops: Stops, orders: list[Order], bound: float, pheromone: Floats | None = None) -> Ordering:
     """Return the `Ordering` of `orders`, with times computed from the matrix."""
-    arrival, waiting, done, lateness = zip(*(stops.timing(order) for order in orders))
+    arrival, waiting, _, lateness = zip(*(stops.timing(order) for order in orders))
     cost = float(stops.cost(orders))
     late = float(sum(lateness))
-    if late <= _NEAR * (1.0 + max(done)):
-        late = 0.0  # nothing but rounding errors of sums
     visited = np.unique(np.concatenate(orders))
     collected = 0.0 if stops.priorities is None else float(stops.priorities[visited].sum())
     whole = stops.priorities is not None or len(visited) == len(stops.matrix)

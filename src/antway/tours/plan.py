@@ -20,6 +20,7 @@ from antway.planning import Plan, Problem, solve
 from antway.search.astar import astar
 from antway.tours.distances import stop_distances
 from antway.tours.ordering import Ordering, order_stops
+from antway.tours.stops import MAX_TIME
 from antway.tours.task import Floats, TourTask
 
 
@@ -209,6 +210,7 @@ def plan_tour(
     free, cells = task.places()
     away = stop_distances(free, cells, moves, costs=costs) / task.speed
     _check_connected(task, away)
+    _check_times(task, away)
     known = None
     if initial is not None:
         checks.instance("initial", initial, TourPlan)
@@ -245,6 +247,14 @@ def _check_connected(task: TourTask, away: Floats) -> None:
     also = f"; nor does one to {', '.join(fields[1:10])}" if fields[1:] else ""
     also += f" and {len(fields) - 10} more" if len(fields) > 10 else ""
     raise BadParameter(fields[0], tuple(task.stops[lost[0]].tolist()), f"where a path leads from the start{also}")
+
+
+def _check_times(task: TourTask, away: Floats) -> None:
+    """Raise an error that names what makes the travel time between two places longer than `order_stops` takes."""
+    for _, there in np.argwhere(away > MAX_TIME)[:1].tolist():
+        place = f"stops[{there - 1}] ({task.names[there - 1]})" if there <= len(task.stops) else "the end"
+        allowed = f"such that no way to {place} takes more than {MAX_TIME:g} s"
+        raise BadParameter(*(("speed", task.speed) if task.costs is None else ("costs", float(task.costs.max()))), allowed)
 
 
 def _finished(task: TourTask, free: Grid, cells: list[Cell], ordering: Ordering, began: float) -> TourPlan:

@@ -125,7 +125,10 @@ def _stop(columns: list[str], row: list[str], where: str) -> dict[str, Any]:
 
 
 def save_distances(task: TourTask, path: Path) -> None:
-    """Write a table of the exact distances in m among start, stops and a separate end, with their names."""
+    """Write a table of the exact distances, in m, among start, stops and a separate end, with their names.
+
+    With a cost map they are the least costs, in m at the cost 1.
+    """
     free, cells = task.places()
     away = stop_distances(free, cells, task.moves, costs=task.costs)
     names = ["start", *task.names, *["end"] * (len(cells) - 1 - len(task.names))]

@@ -13,6 +13,8 @@ from antway import checks
 from antway.errors import BadParameter, TooLarge
 
 MAX_STOPS = 5_000
+MAX_TIME = 1e9  # s; limit of a travel time
+_ROUNDING = 1e-11  # share of the time; what is late by less is in time, as sums of floats are rounded
 Floats = NDArray[np.float64]
 Order = NDArray[np.int32]
 
@@ -90,9 +92,9 @@ class Stops:
             earliest, latest = (0.0, math.inf) if home else self.windows[stop]
             arrival[p], waiting[p] = now, max(0.0, earliest - now)
             now += waiting[p]
-            late += now - latest if now > latest else 0.0
+            late += overdue(now, latest)
             now += 0.0 if home else self.service[stop]
-        return arrival, waiting, now, late + (now - self.deadline if now > self.deadline else 0.0)
+        return arrival, waiting, now, late + overdue(now, self.deadline)
 
     def travel(self, order: Order) -> float:
         """Return the sum of the travel times along `order`, in s."""
@@ -103,6 +105,11 @@ class Stops:
         if self.objective == "makespan":
             return max(self.timing(order)[2] for order in orders)
         return sum(self.travel(order) for order in orders)
+
+
+def overdue(now: float, latest: float) -> float:
+    """Return by how much `now` is after `latest`, in s; 0.0 if rounding errors of sums may explain it."""
+    return now - latest if now > latest + _ROUNDING * (1.0 + latest) else 0.0
 
 
 def typical_step(nearest: Floats, times: Floats) -> float:
@@ -135,7 +142,7 @@ def checked_matrix(matrix: object, most: int, of: str, *, finite: bool) -> Float
     times = times.copy()
     np.fill_diagonal(times, 0.0)
     allowed = "in [0, 1e9]" if finite else "in [0, 1e9], or infinite where there is no path (s)"
-    for i, j in np.argwhere(~((times >= 0.0) & ((times <= 1e9) | np.isposinf(times))))[:1]:
+    for i, j in np.argwhere(~((times >= 0.0) & ((times <= MAX_TIME) | np.isposinf(times))))[:1]:
         raise BadParameter(f"matrix[{i}, {j}]", float(times[i, j]), allowed)
     return times
 

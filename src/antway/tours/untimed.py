@@ -17,6 +17,7 @@ from antway.tours.stops import Floats, Order, Stops
 FEW = 12  # number of stops up to which a dynamic program finds the best order in about 1 ms
 ROUNDS = 60, 400  # least and largest number of subgradient steps for the bound
 HASTY = 10  # least number where there is less time
+SAFE = 1.0 - 1e-9  # factor that allows for rounding errors of sums
 PACE = 2.5e8  # work of the bound in a second
 FOR_BOUND = 0.3  # part of the time that the bound may take
 WORK = 20_000_000  # work of the bound that determines the number of these steps, about 50 ms
@@ -45,9 +46,12 @@ def shortest_order(
         return whole, stops.travel(whole)
     closed, extra, end = closed_matrix(stops, away)
     least = held_karp_bound(closed, extra, FOR_BOUND * (clock.end - clock.started))
-    instance = Tsp(matrix=closed, optimum=(least + extra) * (1 + 2e-9))
+    instance = Tsp(matrix=closed, optimum=least * (1 + 2e-9) + extra)
     known = None if initial is None else _improved(instance, np.argsort(first)[initial], end)
+    if known is not None and cycles == 0:
+        return _as_order(_from_start(known, n, end), stops), least
     left = None if clock.end == math.inf else max(0.0, clock.end - time.perf_counter())
+    cycles = None if cycles is None else max(cycles, 1)  # only a tour that ants have built has the end where it must be
     tour = solve_tsp(instance, local_search="3opt", seconds=left, cycles=cycles, seed=seed, cancel=clock.cancel)
     order = tour.order if known is None or tour.length < instance.length(known) else known
     return _as_order(_from_start(order, n, end), stops), least
@@ -69,13 +73,13 @@ def rows_from_start(stops: Stops) -> Order:
 def closed_matrix(stops: Stops, away: Floats) -> tuple[Floats, float, int]:
     """Return distances whose closed tours are the tours of `stops`, their extra length, and the row of the end or -1.
 
-    An open tour is a closed one over one more node, with the distance 0 to both ends and 2 max d to all others. A tour that
-    does not use both of these arcs saves less than it costs.
+    An open tour is a closed one over one more node, with the distance 0 to both ends and 2 max d, or 1 if all d are 0, to
+    all others. A tour that does not use both of these arcs saves less than it costs.
     """
     first, n = rows_from_start(stops), len(away)
     end = -1 if stops.end is None else int(np.argsort(first)[stops.end])
     closed = away[np.ix_(first, first)]
-    far = 2.0 * float(away.max())
+    far = 2.0 * float(away.max()) or 1.0
     if end != 0:
         closed = np.pad(closed, (0, 1), constant_values=far)
         closed[n, n] = closed[0, n] = closed[n, 0] = 0.0
@@ -88,8 +92,13 @@ def held_karp_bound(closed: Floats, extra: float, seconds: float = math.inf) -> 
     """Return a lower bound of tours over `closed_matrix` of 3 nodes or more, minus `extra`, weaker if `seconds` are few."""
     rounds = max(ROUNDS[0], min(ROUNDS[1], WORK // len(closed) ** 2))
     rounds = int(max(HASTY, min(rounds, PACE * seconds / len(closed) ** 2)))
-    # Distances have rounding errors, which must not lift the bound above a tour.
-    return max(0.0, (held_karp.bound(closed, _nearest_first(closed), rounds) - extra) * (1 - 1e-9))
+    return rounded_down(held_karp.bound(closed, _nearest_first(closed), rounds) - extra, closed)
+
+
+def rounded_down(bound: float, away: Floats) -> float:
+    """Return `bound`, a sum of distances `away` and their dual values, so much lower that no rounding lifts it above a tour."""
+    n = len(away)
+    return max(0.0, min(bound * SAFE, bound - n * float(np.spacing(n * away.max()))))
 
 
 def _improved(instance: Tsp, known: NDArray[np.int64], end: int) -> Order:

@@ -115,6 +115,11 @@ class Path:
         """Return the sum of the delays of service."""
         return float(lateness(self.finite, self.opens, self.closes, order, math.inf)) / self.scale
 
+    def end(self, order: Order) -> float:
+        """Return the start of service at the last stop, in units; no stop of `order` is late."""
+        left = np.append(np.cumsum(self.finite[order[:-1], order[1:]][::-1])[::-1], 0.0)
+        return float((self.opens[order] + left).max())
+
     def starts(self, order: Order) -> Floats:
         """Return the start of service at each stop."""
         starts = self.opens.copy()
@@ -197,8 +202,7 @@ def search(
     moves = MoveOptions(makespan, _LONGEST, 0.5 if path.exact and not makespan else 1e-9 * step)
     width, attempts = (0, _FEW_ATTEMPTS) if path.quick else (min(width, _WIDTH), _ATTEMPTS)
     options = colonies.ColonyOptions(width, attempts, evaporation, _TEMPERATURE * step, step, _HURRY, moves)
-    # Among orders with equal ends, a millionth of the travel time decides.
-    target = target * path.scale * (1.0 + (3e-6 if makespan else 1e-9)) if math.isfinite(target) else target
+    target = target * path.scale * (1.0 + 1e-9) if math.isfinite(target) else target
     tau = np.full((n, n), colonies.TAU_0) if pheromone is None or pheromone.shape != (n, n) else pheromone.copy()
     record = np.array([math.inf, math.inf, 0.0, 0.0])
     colony = colonies.WindowColony(tau, np.zeros((n, n)), np.zeros((3, n), dtype=np.int32), record)
@@ -235,8 +239,13 @@ class _Run:
     proven: bool = False
     history: list[tuple[int, float, float]] = field(default_factory=list)
 
+    def _cost(self) -> float:
+        """Return the cost of the best order in units, infinite while none is known; for the makespan it is the end alone."""
+        best = float(self.colony.record[colonies.BEST])
+        return self.path.end(self.colony.orders[0]) if self.options.moves.makespan and best < math.inf else best
+
     def _note(self) -> None:
-        best = float(self.colony.record[colonies.BEST]) / self.path.scale
+        best = self._cost() / self.path.scale
         if math.isfinite(best) and (not self.history or best < self.history[-1][1]):
             self.history.append((int(self.colony.record[colonies.CYCLE]), best, self.clock.elapsed()))
 
@@ -260,6 +269,9 @@ class _Run:
         if cost < math.inf:
             order = n - 1 - order[::-1] if backward else order
             self._adopt(order)
+            if whole and moves.makespan and cost < self._cost():
+                # Local search prefers an order that ends later, but saves more than a million times as much travel time.
+                self.colony.orders[0] = order
         self.proven = bool(whole)
 
     def _repair(self, attempts: int, draw: int) -> float:
@@ -280,7 +292,7 @@ class _Run:
         late = self._repair(0, 0) if self.warm else math.inf
         self._note()
         batch, done, widened, beam_time, backward = 1, 0, 4, 0.0, False
-        while done < limit and not self.proven and record[colonies.BEST] > self.target:
+        while done < limit and not self.proven and self._cost() > self.target:
             if (done or self.warm) and self.clock.spent():
                 break
             batch = min(batch, limit - done, widened - done)
