@@ -15,15 +15,12 @@ import numpy as np
 import scipy
 
 from antway import checks
+from antway.baselines.oracle import arrival_time, paths_to_goal
 from antway.errors import BadParameter, CellBlocked
 from antway.kernels.base.rng import below, make_state, uniform
 from antway.kernels.baselines.oracle import first_contact
-from antway.planning import TimedPath
-from antway.search.sipp import Sipp
 from antway.tables import OF_FILES, SUITES, names
-from antway.world.line_of_sight import goal_of_cells
 from antway.world.motions import Pursue
-from antway.world.policy import Task
 from antway.world.robots import ROBOTS, RobotSpec, load_robot
 from antway.world.scenario import Scenario
 from antway.world.terrain import terrain_of
@@ -225,32 +222,14 @@ def facts(scenario: Scenario, seed: int) -> Facts:
     """Return the facts about a scenario with the given seed."""
     task, robot = scenario.task, scenario.robot
     timeline = scenario.world.timeline(seed, scenario.horizon)
-    search = Sipp(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)
-    plan = search.plan(task.start, timeline, horizon=scenario.horizon)
-    free = search.plan(task.start)
-    arrival = _arrival(plan.path, task)
+    paths = (paths_to_goal(task, known, horizon=scenario.horizon)[0] for known in (timeline, None))
+    arrival, shortest = (arrival_time(path, task) for path in paths)
     follows = any(isinstance(one.motion, Pursue) for one in scenario.world.obstacles)
     return Facts(
         bound=math.nan if follows else arrival if arrival <= scenario.horizon else math.inf,
-        shortest=_arrival(free.path, task) * robot.v_max,
+        shortest=shortest * robot.v_max,
         difficulty=_difficulty(scenario, seed),
     )
-
-
-def _arrival(path: TimedPath, task: Task) -> float:
-    """Return the arrival time at the goal of a motion to the centre of its cell; infinite for an empty motion."""
-    t, xy, goal, tolerance = path.t, path.xy, task.goal, task.goal_tolerance
-    if len(t):
-        t, xy = np.append(t, t[-1] + math.dist(xy[-1], goal) / task.robot.v_max), np.vstack((xy, goal))
-    for i in range(len(t)):
-        if math.dist(xy[i], goal) <= tolerance:
-            if i == 0:
-                return float(t[0])
-            step, away = xy[i] - xy[i - 1], xy[i - 1] - goal
-            a, b, c = float(step @ step), float(step @ away), float(away @ away) - tolerance**2
-            fraction = (-b - math.sqrt(max(b * b - a * c, 0.0))) / a
-            return float(t[i - 1] + fraction * (t[i] - t[i - 1]))
-    return math.inf
 
 
 def _difficulty(scenario: Scenario, seed: int) -> float:

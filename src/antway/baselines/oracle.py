@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from antway.baselines.replan import drive
+from antway.errors import CellBlocked
 from antway.kernels.base.records import Trajectories
 from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
@@ -18,11 +20,14 @@ from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
 
 MARGINS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # margins tried, in units of the deviation from a plan between two commands
+NEAR = 2.0  # m; from within this distance a path may go straight into the goal's tolerance
 GRAZE = 1e-6  # m; allowance for rounding of touches and arrivals
 
 
 class Oracle:
     """Search in space and time once, by SIPP over 32 directions with known futures, and drive the result.
+
+    The path ends at the goal or elsewhere within its tolerance, whichever is sooner.
 
     Between two commands the robot moves straight, so it deviates by up to v_max dt / 2 from a plan that turns or starts in
     between. The policy takes the plan with the smallest margin that touches nothing when it is driven in simulation. Obstacles
@@ -45,16 +50,16 @@ class Oracle:
         task, robot = self.task, self.task.robot
         self.path = TimedPath(np.empty(0), np.empty((0, 2)))
         self.decision = Decision("stuck", "no path reaches the goal among the known motions")
-        search = Sipp(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)
+        horizon = float(self.timeline.knot_t.max(initial=t))  # nobody is known to be anywhere afterwards
         for share in MARGINS:
             wide = self.timeline.radius + share * robot.v_max * robot.dt / 2
-            plan = search.plan(task.start, replace(self.timeline, radius=wide), t=t)
-            if math.isfinite(plan.arrival) and self._touches_nothing(plan.path, t):
-                self.path = plan.path
-                self.decision = Decision(
-                    "follow", "the path that arrives first among the known motions", path=plan.path, gap=0.0
-                )
-                return
+            for path in paths_to_goal(task, replace(self.timeline, radius=wide), t, horizon):
+                if len(path.t) and self._touches_nothing(path, t):
+                    self.path = path
+                    self.decision = Decision(
+                        "follow", "the path that arrives first among the known motions", path=path, gap=0.0
+                    )
+                    return
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
@@ -71,11 +76,67 @@ class Oracle:
         """Tell whether driving the path from `start` s on touches no obstacle and no wall."""
         task, line, dt = self.task, self.timeline, self.task.robot.dt
         t, xy, at = [start], [task.start], task.start
-        while math.dist(at, task.goal) > task.goal_tolerance - GRAZE and t[-1] < path.t[-1] + 1.0:
+        while math.dist(at, task.goal) > task.goal_tolerance and t[-1] < path.t[-1] + 1.0:
             velocity = drive(task, Observation(t[-1], at, (0.0, 0.0), 0.0, Tracks.none()), path).velocity
             at = at[0] + velocity[0] * dt, at[1] + velocity[1] * dt
             t.append(start + len(t) * dt)
             xy.append(at)
+        end = arrival_time(TimedPath(np.array(t), np.array(xy)), task)  # within the last step, or behind it
+        if end < t[-1]:
+            share = (end - t[-2]) / dt
+            t[-1], xy[-1] = end, (xy[-2][0] + share * (xy[-1][0] - xy[-2][0]), xy[-2][1] + share * (xy[-1][1] - xy[-2][1]))
         discs = Trajectories(line.knot_t, line.knot_xy, line.first, line.radius + GRAZE)
         contact = first_contact(np.array(t), np.array(xy), task.robot.radius, terrain_of(task.grid), discs)
         return contact == math.inf
+
+
+def paths_to_goal(task: Task, timeline: Timeline | None, t: float = 0.0, horizon: float = math.inf) -> list[TimedPath]:
+    """Return paths from `t` s on, that which arrives first in front.
+
+    They lead to the goal's cell and to the first cell within the tolerance, if there is any, or leave these paths near the goal
+    for a straight way into the tolerance, where that is sooner. Without a timeline nothing moves.
+    """
+    robot, tolerance = task.robot, task.goal_tolerance
+    searches = [Sipp(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)]
+    with suppress(CellBlocked):  # cells may be larger than the tolerance
+        searches.append(Sipp(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max, goal_tolerance=tolerance))
+    paths = [each.plan(task.start, timeline, t=t, horizon=horizon).path for each in searches]
+    if timeline is not None:
+        paths = [_straight_in(path, task, timeline) for path in paths]
+    return sorted(paths, key=lambda path: arrival_time(path, task))
+
+
+def _straight_in(path: TimedPath, task: Task, timeline: Timeline) -> TimedPath:
+    """Return the path, or one that leaves it for a straight way into the goal's tolerance, where that is free and sooner."""
+    best, least, goal, dt = path, arrival_time(path, task), np.asarray(task.goal), task.robot.dt
+    if not len(path.t):
+        return path
+    for t in np.union1d(path.t, np.arange(path.t[0], path.t[-1], dt)):
+        xy = np.asarray(path.at(float(t)))
+        away = math.dist(xy, goal)
+        length = away - task.goal_tolerance + GRAZE  # a little inside
+        end = t + length / task.robot.v_max
+        if not task.goal_tolerance < away < NEAR or end >= least:
+            continue
+        times, places = np.array([t, end]), np.vstack((xy, xy + (goal - xy) * (length / away)))
+        radius = task.robot.radius - GRAZE  # paths touch obstacles, but for rounding
+        if first_contact(times, places, radius, terrain_of(task.grid), timeline.trajectories) == math.inf:
+            before = path.t < t
+            best, least = TimedPath(np.append(path.t[before], times), np.vstack((path.xy[before], places))), end
+    return best
+
+
+def arrival_time(path: TimedPath, task: Task) -> float:
+    """Return when a motion comes within the tolerance of the goal, s, if it goes straight on to the goal; infinite if empty."""
+    t, xy, goal, tolerance = path.t, path.xy, task.goal, task.goal_tolerance
+    if len(t):
+        t, xy = np.append(t, t[-1] + math.dist(xy[-1], goal) / task.robot.v_max), np.vstack((xy, goal))
+    for i in range(len(t)):
+        if math.dist(xy[i], goal) <= tolerance:
+            if i == 0:
+                return float(t[0])
+            step, away = xy[i] - xy[i - 1], xy[i - 1] - goal
+            a, b, c = float(step @ step), float(step @ away), float(away @ away) - tolerance**2
+            fraction = (-b - math.sqrt(max(b * b - a * c, 0.0))) / a
+            return float(t[i - 1] + fraction * (t[i] - t[i - 1]))
+    return math.inf

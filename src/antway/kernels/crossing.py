@@ -36,6 +36,8 @@ _SAME = 1e-3  # m and m/s; an obstacle moves as predicted if its place and its v
 _TOLERATED = 0.05  # m; a plan that lacks at most this much of its clearance radius may be kept for now
 _SOON = 0.5  # s; a plan that lacks clearance sooner than this is given up
 _LAST = 4  # the search for a plan without margins may take the expansions divided by this
+_NEAR_GOAL = 2.0  # m; nearer than this, the robot may go straight into the goal's tolerance
+_WAITS = 0.3  # s; it does so if its plan arrives later than that by more than this
 _GRACE = 0.3  # s; a plan that lacks clearance is replaced by one that arrives up to this much later
 
 
@@ -51,6 +53,7 @@ class PolicySettings(NamedTuple):
     improvement_expansions: int  # most moves tested where there is a plan
     goal_x: float  # m
     goal_y: float  # m
+    arrives_within: float  # m; the robot has arrived this far from the goal; 0 if it is to reach the goal itself
     tubes: TubeMargins
     narrow_tubes: TubeMargins  # of the last search, if no path keeps clear of `tubes`; a robot radius of 0 means no such search
     wide_tubes: TubeMargins  # of the search for additional clearance; a robot radius of 0 means that there is none
@@ -260,6 +263,29 @@ def _replan(c: _Cycle, predictions: Predictions, valid: bool, most_delay: float)
     return NEW if found else KEPT if usable else NONE
 
 
+@inner_kernel
+def _goes_straight_in(c: _Cycle, predictions: Predictions) -> bool:
+    """Tell whether a straight path into the goal's tolerance is free, while the plan waits, and make it the plan.
+
+    Somebody beside the goal may leave room within the tolerance, though not at the goal's node.
+    """
+    s, knots = c.settings, c.memory.knots
+    dx, dy = s.goal_x - c.x, s.goal_y - c.y
+    away = math.hypot(dx, dy)
+    arrival = c.now + away / c.context.speed
+    if not s.arrives_within < away < _NEAR_GOAL or c.plan.state[ARRIVAL] < arrival + _WAITS:
+        return False
+    share = 1.0 - s.arrives_within / away
+    knots[0, 0], knots[0, 1], knots[0, 2] = c.now, c.x, c.y
+    knots[1, 0], knots[1, 1], knots[1, 2] = c.now + share * away / c.context.speed, c.x + share * dx, c.y + share * dy
+    if not clear(c.context, c.x, c.y, knots[1, 1], knots[1, 2]) or first_conflict(knots[:2], c.now, predictions) < math.inf:
+        return False
+    copy_row(knots[0], c.plan.knots[0])
+    copy_row(knots[1], c.plan.knots[1])
+    c.plan.state[KNOT_COUNT], c.plan.state[ARRIVAL] = 2, arrival
+    return True
+
+
 @kernel
 def cycle(
     memory: Memory,
@@ -305,6 +331,8 @@ def cycle(
     what = KEPT
     if not (valid and as_predicted and now < plan.state[NEXT_SEARCH] - 1e-9):
         what = _replan(c, predictions, valid, most_delay)
+    if s.arrives_within > 0.0 and _goes_straight_in(c, predictions):
+        what = NEW
     if what == NONE:
         plan.state[KNOT_COUNT], plan.state[ARRIVAL] = 0, math.inf
         return 0.0, 0.0, NONE

@@ -20,6 +20,7 @@ _DISCOUNT = 0.3  # 1; a plan keeps this share of a tube's width, because full tu
 _MARGIN = 0.005  # m; least distance kept to predicted obstacles
 _DRIFT_TIME = 0.2  # s; the margin grows by this times the standard deviation of a track's velocity
 _EXTRA_DRIFT_TIME = 1.0  # s; a plan with additional clearance keeps this times that deviation more from 1.5 s ahead on
+_INSIDE = 0.95  # 1; a straight path into the tolerance of the goal ends at this share of it
 _LEG_NODES = 2  # the first move of a path ends at most this many nodes around the robot
 _BETAS = (100.0, 30.0, 10.0, 100.0)  # 1/s; greediness of the ants in turn: three follow the field closely, one explores
 _SLACK = (9.0, 0.0, 0.05, 0.2)  # s; each of these ants gives up once its path has become this much longer
@@ -62,6 +63,7 @@ def make_settings(policy: AntwayPolicy, task: Task, radius: float) -> PolicySett
         improvement_expansions=policy.improvement_expansions,
         goal_x=task.goal[0],
         goal_y=task.goal[1],
+        arrives_within=0.0 if controlled or task.stay > 0.0 else _INSIDE * task.goal_tolerance,
         tubes=tubes,
         narrow_tubes=TubeMargins(0.0 if strict else radius),
         wide_tubes=tubes._replace(robot_radius=0.0 if strict or controlled else radius, extra_drift_time=_EXTRA_DRIFT_TIME),
