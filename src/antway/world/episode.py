@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter, described_error
+from antway.kernels.base.geometry import TOUCH
 from antway.kernels.robot.motion import REST
 from antway.lazy import drawing
 from antway.limits import MAX_TIME
@@ -199,7 +200,7 @@ class Episode:
         self.outcome: Outcome | None = None
         self.seen: Observation | None = None
         self.reason = self._fault = ""
-        if self.tour is None and math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
+        if self.tour is None and math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance + TOUCH:
             self.outcome, self.reason = Outcome.REACHED, "the start is at the goal"
         try:
             if isinstance(driver, Foresees):
