@@ -32,7 +32,7 @@ class Record(NamedTuple):
 @inner_kernel
 def at_goal(x: float, y: float, aim: Floats) -> bool:
     """Tell whether (x, y) is within the tolerance of the goal, also where it is exactly on the edge; `aim` as in `advance`."""
-    return math.hypot(x - aim[0], y - aim[1]) <= aim[2] + TOUCH
+    return bool(math.hypot(x - aim[0], y - aim[1]) <= aim[2] + TOUCH)
 
 
 @bare_kernel
