@@ -132,11 +132,11 @@ def tracks(file: str) -> Suite:
             start, goal = map(tuple, np.clip(places, low + inset, high - inset).tolist())
             horizon = max(60.0, 2.0 * math.dist(start, goal) / ROBOT.v_max)
             present = [w for w in walkers if w[0, 0] < since + horizon and w[-1, 0] > since]
-            people = [Obstacle(0.3, _walk(w, since, far)) for w in present]
+            people = tuple(Obstacle(0.3, _walk(w, since, far)) for w in present)
             at = World(grid, people).timeline(0, 1.0).places(np.zeros(1))[0]
             if all(math.dist(place, start) > clear for place in at.tolist()):
                 later = [_walk(w, since, far) for w in walkers if since + horizon <= w[0, 0] < since + times * horizon]
-                people += [Obstacle(0.3, walk) for walk in later if math.dist(place_at(walk.arrays, 0.0), start) > clear]
+                people += tuple(Obstacle(0.3, walk) for walk in later if math.dist(place_at(walk.arrays, 0.0), start) > clear)
                 return Scenario(World(grid, people), start, goal, robot=ROBOT, horizon=horizon, name=f"tracks {name}")
         raise BadScenario("tracks", file, f"a recording with starts that are {_CLEAR[-1]:g} m from everybody")
 
