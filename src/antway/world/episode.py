@@ -50,7 +50,7 @@ class EpisodeResult:
     replans : int
         How often the policy changed its planned motion (`Decision.path`).
     waits : int
-        How often the robot came to rest.
+        How often the robot came to rest; standing in the first control cycle counts, too.
     cycle_ms : float64[N]
         Wall time of each control cycle of the policy, ms, without the time spent compiling kernels.
     seed : int
@@ -122,7 +122,7 @@ def run(
     seed : int or None
         Seed of all randomness: obstacles, sensor, policy; None: that of the scenario.
     horizon : float or None
-        Latest end of the episode, s; None: that of the scenario.
+        Latest end of the episode, s, as in `Scenario`; None: that of the scenario.
     record : bool
         Whether the result has a trace.
 
