@@ -78,9 +78,11 @@ def test_outcomes_and_their_instants_are_exact() -> None:
     assert wall.outcome is Outcome.HIT_WALL and wall.time == pytest.approx(4.7, abs=1e-8)
     late = run(crossing(), Steer(lambda o: (0.0, 0.0)), horizon=3.0)
     assert late.outcome is Outcome.TIMEOUT and late.time == pytest.approx(3.0)
+    amid = run(crossing(goal=(1.48, 5.0)), Steer(east), horizon=0.25)  # the cycle from 0.2 s on is driven to its end
+    assert amid.outcome is Outcome.REACHED and amid.time == pytest.approx(0.28, abs=1e-9)
     near = run(crossing(goal=(1.1, 5.0)), Steer(east))
     assert near.outcome is Outcome.REACHED and near.time == 0.0 and len(near.trace) == 0
-    for result in (done, hit, stood, wall, late, near):
+    for result in (done, hit, stood, wall, late, amid, near):
         check_episode(result)
     assert run(crossing(), Steer(east), record=False).trace is None
 
