@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from antway.arena.engines import Job, bench, local, table_jobs
+from antway.arena.engines import Job, _Worker, bench, local, table_jobs
 from antway.arena.store import Results, Row
 from antway.arena.suites import episodes
 from antway.arena.summary import paired, ranked, sections
@@ -391,6 +391,22 @@ def test_ctrl_c_while_workers_start_counts():
             os.kill(os.getpid(), signal.SIGINT)
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_a_process_that_dies_after_its_answer_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bench used to end with a BrokenPipeError where the next job was handed to it at that moment."""
+    give = _Worker.give
+
+    def late(worker: _Worker, job: Job) -> None:
+        if hasattr(worker, "job"):  # it has answered before
+            worker.process.kill()
+            worker.process.join()
+        give(worker, job)
+
+    monkeypatch.setattr(_Worker, "give", late)
+    jobs = table_jobs(episodes("synthetic", 1)[:3], ["follow"])
+    rows = [row for row, _ in local(iter(jobs), 1, 60.0)]
+    assert [row.key for row in rows] == [job.key for job in jobs] and all(row.outcome != "error" for row in rows)
 
 
 def test_an_answer_that_came_while_others_were_written_counts() -> None:

@@ -78,11 +78,29 @@ def test_outcomes_and_their_instants_are_exact() -> None:
     assert wall.outcome is Outcome.HIT_WALL and wall.time == pytest.approx(4.7, abs=1e-8)
     late = run(crossing(), Steer(lambda o: (0.0, 0.0)), horizon=3.0)
     assert late.outcome is Outcome.TIMEOUT and late.time == pytest.approx(3.0)
+    amid = run(crossing(goal=(1.48, 5.0)), Steer(east), horizon=0.25)  # the cycle from 0.2 s on is driven to its end
+    assert amid.outcome is Outcome.REACHED and amid.time == pytest.approx(0.28, abs=1e-9)
     near = run(crossing(goal=(1.1, 5.0)), Steer(east))
     assert near.outcome is Outcome.REACHED and near.time == 0.0 and len(near.trace) == 0
-    for result in (done, hit, stood, wall, late, near):
+    for result in (done, hit, stood, wall, late, amid, near):
         check_episode(result)
     assert run(crossing(), Steer(east), record=False).trace is None
+
+
+@pytest.mark.parametrize("robot", [RobotSpec(), RobotSpec(a_max=1.0), RobotSpec(drive="differential", a_max=1.0)])
+def test_a_robot_on_the_edge_of_the_goal_is_there(robot: RobotSpec) -> None:
+    """It stops exactly as far from the goal as the tolerance, which it used to hold for the goal until its time was over."""
+    done = run(crossing(goal=(3.0, 5.0), robot=robot), Steer(lambda seen: (1.0, 0.0) if seen.t < 0.95 else (0.0, 0.0)))
+    stop = done.trace.xy[-1].tolist()
+    scenario = crossing(goal=(stop[0] + 0.5, 5.0), goal_tolerance=0.5, robot=robot)
+    result = run(scenario, Steer(lambda seen: (1.0, 0.0) if seen.t < 0.95 else (0.0, 0.0)))
+    assert result.reached and result.time == pytest.approx(done.trace.t[done.trace.xy[:, 0] >= stop[0] - 1e-9][0], abs=0.1)
+    check_episode(result)
+    late = replace(done.trace, task=result.trace.task, outcome=Outcome.TIMEOUT)
+    with pytest.raises(InvalidPlan, match="after it reached the goal"):
+        check_episode(late)
+    start = run(crossing(goal=(1.5, 5.0), goal_tolerance=0.5 - 1e-10, robot=robot), Steer(east))
+    assert start.reached and start.time == 0.0
 
 
 def test_a_failing_policy_ends_as_error_with_the_robot_stopped() -> None:

@@ -124,6 +124,7 @@ def test_the_mean_beside_a_rank_is_of_the_episodes_that_all_reached():
     assert (best, worse, last, rank) == ("good", "weak", "never", 2) and math.isnan(nothing)
     assert larger == pytest.approx(1.05 * mean) and mean == pytest.approx(good[good < 1.4].mean())
     assert metrics.scored_by_all(scores).sum() == np.count_nonzero(good < 1.4)
+    assert not metrics.scored_by_all({"never": scores["never"]}).any(), "where no policy reached the goal, not all did"
     apart = {"b": np.where(good < 1.5, good, math.nan), "a": np.where(good > 1.5, good, math.nan)}
     assert [(name, rank, math.isnan(mean)) for name, mean, rank in metrics.ranks(apart)] == [("a", 1, True), ("b", 1, True)]
 

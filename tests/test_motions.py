@@ -30,6 +30,8 @@ def test_scripted_motions_are_where_arithmetic_says() -> None:
     np.testing.assert_allclose(
         [loop.at(t)[0][0].tolist() for t in (1, 2, 2.9, 3.5, 4.5)], [[2, 1], [3, 1], [3, 1], [3, 1.5], [3, 2]]
     )
+    late = trajectory(Waypoints(((1, 1), (5, 1)), speed=1.0, pause=6.0, phase=0.25))  # a quarter of a round of 20 s, not of 8 m
+    np.testing.assert_allclose([late.at(t)[0][0, 0] for t in (0, 4, 5, 6)], [5, 5, 5, 4])
     once = trajectory(Waypoints(((1, 1), (3, 1)), speed=1.0, loop=False))
     assert once.at(50)[0][0].tolist() == [3, 1] and once.at(1)[1][0].tolist() == [1, 0]
     track = trajectory(Replay((1.0, 2.0), ((1, 1), (2, 1))))

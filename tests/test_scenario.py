@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -106,6 +107,23 @@ def test_round_trips(tmp_path: Path) -> None:
         assert (tmp_path / "one.toml").read_bytes() == first
         lines = [s.world.timeline(case, 20.0) for s in (scenario, back)]
         assert lines[0].knot_xy.tobytes() == lines[1].knot_xy.tobytes()
+
+
+def test_a_map_that_says_more_than_a_scenario_needs_is_kept(tmp_path: Path) -> None:
+    """Saving a scenario over its own file used to replace the costs of its map by 0 and 100; another map is replaced."""
+    (tmp_path / "one_map.pgm").write_bytes(b"P5\n40 30\n255\n" + bytes(np.full(1200, 200, np.uint8)))
+    lines = "image: one_map.pgm", "mode: scale", "resolution: 0.25", "origin: [0.0, 0.0, 0.0]", "negate: 0"
+    (tmp_path / "one_map.yaml").write_text("\n".join((*lines, "occupied_thresh: 0.65", "free_thresh: 0.1", "")))
+    (tmp_path / "one.toml").write_text('map = "one_map.yaml"\nstart = [1.0, 1.0]\ngoal = [8.0, 5.0]\n')
+    scenario = load_scenario(tmp_path / "one.toml")
+    kept = [(tmp_path / f"one_map.{kind}").read_bytes() for kind in ("yaml", "pgm")]
+    save_scenario(scenario, tmp_path / "one.toml")
+    assert [(tmp_path / f"one_map.{kind}").read_bytes() for kind in ("yaml", "pgm")] == kept
+    walls = np.zeros((30, 40), dtype=bool)
+    walls[20, 20] = True
+    other = replace(scenario, world=World(replace(scenario.world.grid, blocked=walls, unknown=None)))
+    save_scenario(other, tmp_path / "one.toml")
+    assert load_scenario(tmp_path / "one.toml").world.grid == other.world.grid
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,13 @@ import sqlite3
 import subprocess
 import sys
 import zlib
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from antway.arena.store import COLUMNS, Results, Row, export
+from antway.arena.summary import summarise
 from antway.errors import BadParameter, BadResults
 from antway.world.tracefile import MAX_BYTES
 from common import cases
@@ -214,6 +217,28 @@ def test_export(file, tmp_path):
         export(rows, tmp_path / "r.xls")
     parquet = pytest.importorskip("pyarrow.parquet")
     assert parquet.read_table(export(rows, tmp_path / "r.parquet")).column("seed").to_pylist() == [one.seed for one in rows]
+
+
+def test_json_tells_infinite_from_unknown(tmp_path):
+    """An optimum that does not arrive was null, as one that is unknown is."""
+    bounds = [10.0, math.inf, math.nan]
+    path = export([row(k, bound=bound) for k, bound in enumerate(bounds)], tmp_path / "r.json")
+    assert [one["bound"] for one in json.loads(path.read_text())] == [10.0, "inf", None]
+    pandas = pytest.importorskip("pandas")
+    np.testing.assert_equal(pandas.read_json(path).bound.astype(float).to_numpy(), bounds)
+
+
+def test_the_recipe_for_pandas_leaves_out_an_optimum_that_does_not_arrive(tmp_path, monkeypatch, capsys):
+    """Time over an infinite optimum is 0, which counted; the page's means are those of antway's own table."""
+    pandas = pytest.importorskip("pandas")
+    rows = [row(k, bound=bound) for k, bound in enumerate([8.0, math.inf, math.nan])]
+    (tmp_path / "bench").mkdir()
+    export(rows, tmp_path / "bench" / "results.csv")
+    monkeypatch.chdir(tmp_path)
+    page = Path(__file__).parents[1] / "docs" / "arena.md"
+    recipe = page.read_text(encoding="utf-8").partition("With pandas")[2].split("```")[1]
+    exec(recipe.removeprefix("python"), {"pandas": pandas})
+    assert capsys.readouterr().out.split()[-1] == str(summarise(rows)[0].time_ratio) == "1.25"
 
 
 def test_numbers_below_zero_and_names_of_odd_letters(tmp_path):

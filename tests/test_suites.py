@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 from antway import Grid, RobotSpec, Scenario, World, save_map
-from antway.arena.suites import SUITES, Chance, SuiteEpisode, build, episodes, facts, load_suite, seed_of, stage
+from antway.arena.suites import SUITES, Chance, Suite, SuiteEpisode, build, drawn, episodes, facts, load_suite, seed_of, stage
 from antway.arena.synthetic import DENSITIES
 from antway.errors import BadInput, BadParameter, BadScenario
 from antway.tables import names
 from antway.world.motions import BackAndForth, Bounce, Line, RandomWalk
 from antway.world.scenario import to_toml
+from antway.world.stage import Stage
 from antway.world.world import Obstacle
 from common import SHARED, needs_data
 
@@ -255,6 +256,24 @@ def test_crowds_and_narrow_or_large_places(monkeypatch, tmp_path):
         assert all(s.horizon == max(60.0, 2.0 * math.dist(s.start, s.goal)) for s in scenarios)
 
 
+def test_people_come_for_as_long_as_a_slow_robot_drives(tmp_path):
+    """Somebody enters every 4 s; a robot of 0.22 m/s used to meet nobody after the first minute of its 273 s.
+
+    The people, the start and the goal of the suite's own robot stay; who strolls in is not at the start of a slow one.
+    """
+    people = [(k, -4.0 * k, 2.0 + 3 * k % 9, 1.0, 0.0, 4.0 * k, 4.0 * k + 16.0) for k in range(200)]
+    strolls = [(200 + k, k % 12 - 10.0, k // 12, 0.02, 0.0, 500.0, 540.0) for k in range(120)]
+    spec = recording(tmp_path / "flow.csv", *people, *strolls)
+    last = []
+    for own, slow in zip(episodes(spec, 8), episodes(spec, 8, "turtlebot3_burger")):
+        a, b = build(own), build(slow)
+        last.append(max(one.motion.record_start for one in b.world.obstacles))
+        assert last[-1] < b.horizon == pytest.approx(a.horizon / 0.22)
+        assert (b.start, b.goal, b.world.obstacles[: len(a.world.obstacles)]) == (a.start, a.goal, a.world.obstacles)
+        assert min(math.dist(b.start, at) for at in b.world.timeline(0, 1.0).at(0.0)[0]) > 1.5
+    assert np.mean(last) > 200.0
+
+
 def test_a_number_that_comes_again_is_somebody_else(tmp_path):
     """Nobody glides from where one person left to where another one with the same number enters later."""
     spec = recording(tmp_path / "t.csv", (1, 0.0, 0.0, 1.0, 0.0, 0.0, 8.0), (1, 0.0, 3.0, 1.0, 0.0, 60.0, 68.0))
@@ -308,3 +327,27 @@ def test_names_of_files_may_contain_what_separates_robots() -> None:
     one, other = (SuiteEpisode("", f"maps:people on {where}", "sparse", 0) for where in ("stairs", "ground"))
     assert one.seed != other.seed
     assert replace(one, suite=f"{one.suite} on amr", robot="amr").seed == one.seed
+
+
+def test_worlds_do_not_depend_on_the_name_of_a_robots_file(tmp_path: Path) -> None:
+    """A file "robot on wheels.toml" used to get other worlds than "robot.toml" with the same content."""
+    own = episodes("synthetic", 1)[0]
+    for name in ("robot", "robot on wheels", "a on a on a"):
+        (tmp_path / f"{name}.toml").write_text("radius = 0.25\n")
+        other = episodes("synthetic", 1, str(tmp_path / f"{name}.toml"))[0]
+        assert (other.own_suite, other.seed) == (own.suite, own.seed) and build(other).start == build(own).start
+
+
+def test_a_larger_robot_starts_clear_of_obstacles_whose_place_is_drawn() -> None:
+    """Whether a world has room for it depends on where obstacles start with the seed of the episode, not with seed 0."""
+
+    def make(group: str, chance: Chance) -> Scenario:
+        shuttle = BackAndForth((1.5, 5.0), (8.5, 5.0), 0.5, (0.0, 1.0))
+        return Scenario(
+            World(Grid(np.zeros((50, 50), bool), 0.2), (Obstacle(0.3, shuttle),)), (chance.between(3.0, 7.0), 5.5), (5.0, 1.0)
+        )
+
+    for seed in range(20):
+        robot = RobotSpec(radius=0.5)
+        scenario = drawn(Suite("shuttle", ("all",), make), "all", seed, robot)
+        Stage(scenario, seed, 1.0)

@@ -131,10 +131,12 @@ def _end_faults(again: Again) -> Iterator[str]:
     if outcome == "reached" and away[-1] > task.goal_tolerance + _NEAR:
         yield f"claims to have reached the goal from {away[-1]:.7g} m away; the tolerance is {task.goal_tolerance:g} m"
     homeward = trace.t > last_end(trace) + _NEAR if trace.rounds is not None else np.full(len(trace.t), True)
-    most = len(trace) - (outcome == "reached") if len(trace) else -1  # who was never driven does not go on
-    if ((away < task.goal_tolerance - _NEAR) & homeward)[: most + 1].any():
+    goes_on = trace.t < trace.t[-1] - _NEAR if outcome == "reached" else len(trace) > 0  # who was never driven does not go on
+    edge = np.full(len(away), task.goal_tolerance)
+    edge[-1] -= _NEAR * outcome.startswith("hit")  # a contact may come just before the robot arrives
+    if ((away <= edge) & homeward & goes_on).any():
         yield "goes on after it reached the goal"
-    elif (_passes_goal(again) & homeward[:-1])[: max(most, 0)].any():
+    elif (_passes_goal(again) & homeward[:-1])[: len(trace) - (outcome == "reached")].any():
         yield "goes on after it passed the goal"
     gaps, wall = last_gaps(trace)
     if task.robot.stepwise and len(trace) > 0:

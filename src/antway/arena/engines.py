@@ -174,7 +174,11 @@ def local(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]
                     worker.stop()
                     busy.remove(worker)
                 else:
-                    worker.give(following)
+                    try:
+                        worker.give(following)
+                    except OSError:  # it has died since it answered
+                        worker.stop()
+                        busy[busy.index(worker)] = _Worker(following, timeout)
     finally:
         for worker in busy:
             worker.stop()

@@ -23,7 +23,7 @@ from antway.reading import opened
 from antway.scenes import SCENES, scene
 from antway.search.distance_field import distance_field
 from antway.world.line_of_sight import passes
-from antway.world.motions import Bounce, Replay, Waypoints
+from antway.world.motions import Bounce, Replay, Waypoints, place_at
 from antway.world.policy import XY, RobotSpec
 from antway.world.scenario import Scenario, load_scenario
 from antway.world.sensor import Sensor
@@ -96,7 +96,9 @@ def tracks(file: str) -> Suite:
     `file` is an ETH/UCY `obsmat.txt` (columns frame, id, x, z, y and velocities; frames 0.4 s apart), the same with only frame,
     id, x and y, or CSV lines t,id,x,y (s, m). Each episode starts at a random time of the record. The start is near a random
     side of the area, the goal near the opposite one, and nobody is within 1.5 m of the start at that time, or 0.8 m in crowds,
-    where 30 draws find no such start. The horizon is 60 s, or 2 s for each metre between both ends where that is longer.
+    where 30 draws find no such start. The horizon is 60 s, or 2 s for each metre between both ends where that is longer. It is
+    longer for a slower robot, and people whose records begin later come then, too, unless they would walk in so slowly that
+    they are near the start at that time.
 
     People do not appear from nowhere: before their records start they walk in straight with the velocity of the first step, and
     after the end they walk on with the velocity of the last step, or of 0.4 s where steps are shorter than 0.1 s. Of places
@@ -113,9 +115,10 @@ def tracks(file: str) -> Suite:
         raise TooLarge("tracks", tuple((high - low).tolist()), "a place of at most 400 m a side; x and y are in m", where=file)
     grid = Grid(np.zeros((shape[1], shape[0]), np.bool_), cell, (float(low[0]), float(low[1]), 0.0))
     walkers = walks(table, file)
-    last, name = float(table[:, 0].max()), Path(file).name
+    last, name, far = float(table[:, 0].max()), Path(file).name, float(np.hypot(*(high - low)))
 
-    def make(group: str, chance: Chance) -> Scenario:
+    def make(group: str, chance: Chance, times: float = 1.0) -> Scenario:
+        """Return a scenario with those who come within `times` its horizon."""
         for clear in np.repeat(_CLEAR, _DRAWS):
             since = chance.between(0.0, max(last - 20.0, 0.0))
             # Each end is drawn as fractions of the area: how far along its side, and how far from it.
@@ -129,13 +132,15 @@ def tracks(file: str) -> Suite:
             start, goal = map(tuple, np.clip(places, low + inset, high - inset).tolist())
             horizon = max(60.0, 2.0 * math.dist(start, goal) / ROBOT.v_max)
             present = [w for w in walkers if w[0, 0] < since + horizon and w[-1, 0] > since]
-            people = tuple(Obstacle(0.3, _walk(w, since, float(np.hypot(*(high - low))))) for w in present)
+            people = tuple(Obstacle(0.3, _walk(w, since, far)) for w in present)
             at = World(grid, people).timeline(0, 1.0).places(np.zeros(1))[0]
             if all(math.dist(place, start) > clear for place in at.tolist()):
+                later = [_walk(w, since, far) for w in walkers if since + horizon <= w[0, 0] < since + times * horizon]
+                people += tuple(Obstacle(0.3, walk) for walk in later if math.dist(place_at(walk.arrays, 0.0), start) > clear)
                 return Scenario(World(grid, people), start, goal, robot=ROBOT, horizon=horizon, name=f"tracks {name}")
         raise BadScenario("tracks", file, f"a recording with starts that are {_CLEAR[-1]:g} m from everybody")
 
-    return Suite(f"tracks:{name}-{content_hash(file)}", ("all",), make, default=50)
+    return Suite(f"tracks:{name}-{content_hash(file)}", ("all",), make, default=50, lasting=make)
 
 
 def read_tracks(file: str) -> NDArray[np.float64]:

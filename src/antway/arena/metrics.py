@@ -154,9 +154,12 @@ def real_difference(a: ArrayLike, b: ArrayLike) -> tuple[float, Interval, bool]:
 
 
 def scored_by_all(scores: Scores) -> NDArray[np.bool_]:
-    """Tell in which of the N episodes every policy has a score, bool[N]; policies without any score do not count."""
+    """Tell in which of the N episodes every policy has a score, bool[N]; policies without any score do not count.
+
+    If no policy has any score, there is no such episode.
+    """
     known = np.isfinite(np.array(list(scores.values())))
-    common: NDArray[np.bool_] = known[known.any(axis=1)].all(axis=0)
+    common: NDArray[np.bool_] = known[known.any(axis=1)].all(axis=0) & known.any(axis=0)
     return common
 
 

@@ -230,6 +230,8 @@ class Results:
 def export(rows: list[Row], path: str | Path) -> Path:
     """Write rows to a .csv, .json or .parquet file (the last needs pyarrow); return its path.
 
+    In JSON, which has no such numbers, NaN is null and an infinite number is the text "inf" or "-inf".
+
     Raises
     ------
     BadParameter
@@ -257,7 +259,9 @@ def export(rows: list[Row], path: str | Path) -> Path:
 
 
 def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    if not isinstance(value, float) or math.isfinite(value):
+        return value
+    return None if math.isnan(value) else str(value)
 
 
 def _digest(values: Any) -> bytes:

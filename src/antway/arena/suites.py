@@ -75,6 +75,7 @@ class Suite:
     groups: tuple[str, ...]  # kinds of episode that are counted together, "kind/level" if a kind has several levels
     make: Callable[[str, Chance], Scenario]
     default: int = 100  # number of episodes of each group, unless another is given
+    lasting: Callable[[str, Chance, float], Scenario] | None = None  # for so many times the horizon of `make`, if that differs
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +105,7 @@ class SuiteEpisode:
     @property
     def own_suite(self) -> str:
         """The name of the suite without that of the robot."""
-        return self.suite.rpartition(_ON)[0] if self.robot else self.suite
+        return self.suite.rpartition(_ON + Path(self.robot).stem)[0] if self.robot else self.suite
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,20 +194,24 @@ def drawn(suite: Suite, group: str, seed: int, robot: RobotSpec | None) -> Scena
         return scenario
     own = scenario.robot
     for attempt in range(_TRIES):
+        since = seed_of(seed, attempt - 1) if attempt else seed
+        if suite.lasting is not None and robot.v_max < own.v_max:
+            scenario = suite.lasting(group, Chance(since), own.v_max / robot.v_max)
+        elif attempt:
+            scenario = suite.make(group, Chance(since))
         with suppress(CellBlocked):
             driven = scenario.driven_by(robot)
-            if robot.radius <= own.radius or _connected(driven):
+            if robot.radius <= own.radius or _connected(driven, seed):
                 return driven
-        scenario = suite.make(group, Chance(seed_of(seed, attempt)))
     raise BadParameter("robot", f"{robot.radius:g} m in radius", f"one that has room in a world of {suite.name}, {group}")
 
 
-def _connected(scenario: Scenario) -> bool:
-    """Tell whether the robot has a path from start to goal on the map, and no obstacle starts too near."""
+def _connected(scenario: Scenario, seed: int) -> bool:
+    """Tell whether the robot has a path from start to goal on the map, and no obstacle starts too near with that seed."""
     world, radius = scenario.world, scenario.robot.radius
     regions, _ = scipy.ndimage.label(~world.grid.inflate(radius).blocked)
     start, goal = (regions[world.grid.cell_at(end)] for end in (scenario.start, scenario.goal))
-    at_start = world.timeline(0, 1.0).places(np.zeros(1))[0].tolist()
+    at_start = world.timeline(seed, 1.0).places(np.zeros(1))[0].tolist()
     clear = all(math.dist(at, scenario.start) > radius + one.radius for at, one in zip(at_start, world.obstacles))
     return bool(start == goal != 0) and clear
 

@@ -20,7 +20,7 @@ class Summary:
     """The results of a policy on one level of difficulty, or on all levels (level "").
 
     Time ratio, time, path ratio and clearance are means over the episodes that reached the goal; discomfort, side changes and
-    jerk are means over all.
+    jerk are means over all. The time ratio leaves out episodes whose optimum does not arrive or is unknown.
     """
 
     level: str

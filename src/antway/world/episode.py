@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter, described_error
+from antway.kernels.base.geometry import TOUCH
 from antway.kernels.robot.motion import REST
 from antway.lazy import drawing
 from antway.limits import MAX_TIME
@@ -49,7 +50,7 @@ class EpisodeResult:
     replans : int
         How often the policy changed its planned motion (`Decision.path`).
     waits : int
-        How often the robot came to rest.
+        How often the robot came to rest; standing in the first control cycle counts, too.
     cycle_ms : float64[N]
         Wall time of each control cycle of the policy, ms, without the time spent compiling kernels.
     seed : int
@@ -121,7 +122,7 @@ def run(
     seed : int or None
         Seed of all randomness: obstacles, sensor, policy; None: that of the scenario.
     horizon : float or None
-        Latest end of the episode, s; None: that of the scenario.
+        Latest end of the episode, s, as in `Scenario`; None: that of the scenario.
     record : bool
         Whether the result has a trace.
 
@@ -199,7 +200,7 @@ class Episode:
         self.outcome: Outcome | None = None
         self.seen: Observation | None = None
         self.reason = self._fault = ""
-        if self.tour is None and math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
+        if self.tour is None and math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance + TOUCH:
             self.outcome, self.reason = Outcome.REACHED, "the start is at the goal"
         try:
             if isinstance(driver, Foresees):

@@ -89,7 +89,7 @@ class BackAndForth:
 class Waypoints:
     """Along `points` (m) at `speed` (m/s), with `pause` s at each; in a loop for ever, or once without `loop`.
 
-    A loop starts at the fraction `phase` in [0, 1] of its length.
+    A loop starts at the fraction `phase` in [0, 1] of the time of a round, in which pauses count.
     """
 
     points: tuple[XY, ...]

@@ -204,7 +204,9 @@ def convex_footprint(field: str, value: object) -> tuple[tuple[float, float], ..
     around = float(turns.sum())
     slack = 1e-9
     round_once = abs(abs(around) - 2.0 * math.pi) < 1e-6
-    if not round_once or (turns * math.copysign(1.0, around) < -slack).any() or (np.hypot(*edges.T) <= 0.0).any():
+    twice = (corners[:, 0] * edges[:, 1] - corners[:, 1] * edges[:, 0]).sum()  # twice the area; of a slanted line, rounding
+    flat = abs(twice) <= 2e-12 * (corners**2).sum(axis=1).max()
+    if flat or not round_once or (turns * math.copysign(1.0, around) < -slack).any() or (np.hypot(*edges.T) <= 0.0).any():
         raise BadParameter(field, [tuple(map(float, corner)) for corner in corners], allowed)
     ordered = corners if around > 0 else corners[::-1]
     return tuple((float(x), float(y)) for x, y in ordered)

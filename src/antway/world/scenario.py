@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario, TooLarge
+from antway.grid import Grid
 from antway.limits import MAX_TIME
 from antway.maps import load_map, save_map
 from antway.reading import opened, read_toml_file
@@ -47,7 +48,8 @@ class Scenario:
     robot : RobotSpec
     sensor : Sensor
     horizon : float
-        Latest end of the episode, s, > 0.
+        Latest end of the episode, s, > 0. A control period that it falls into is driven to its end, and a goal reached by then
+        counts.
     seed : int
         Default seed of `run`.
     goal_tolerance : float
@@ -267,12 +269,24 @@ def to_toml(scenario: Scenario) -> str:
 
 
 def save_scenario(scenario: Scenario, path: str | Path) -> None:
-    """Write `scenario` to `path` and its map beside it, as <name>_map.yaml and .pgm."""
+    """Write `scenario` to `path` and its map beside it, as <name>_map.yaml and .pgm.
+
+    A file of that name that holds the same map already is left alone: it may say more than which cells are blocked.
+    """
     checks.instance("scenario", scenario, Scenario)
     with writing("path", path) as file:
         map_path = file.with_name(f"{file.stem}_map.yaml")
-        save_map(scenario.world.grid, map_path)
+        if not _holds(map_path, scenario.world.grid):
+            save_map(scenario.world.grid, map_path)
         file.write_text(to_toml(replace(scenario, map=map_path.name)), encoding="utf-8")
+
+
+def _holds(file: Path, grid: Grid) -> bool:
+    """Tell whether there is a map file that scenarios read as this grid."""
+    try:
+        return isfile(file) and load_map(file).turned() == grid
+    except BadInput:
+        return False
 
 
 def _toml(value: object) -> str:

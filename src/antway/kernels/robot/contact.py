@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from antway.kernels.base.arrays import Floats
-from antway.kernels.base.geometry import swept_discs, swept_timeline, wall_ahead
-from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.geometry import TOUCH, swept_discs, swept_timeline, wall_ahead
+from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import RobotLimits, Terrain, Trajectories
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.motion import REST
@@ -29,6 +29,12 @@ class Record(NamedTuple):
     command: Floats  # float64[N, 2]: (vx, vy), or (v, omega) for wheels
 
 
+@inner_kernel
+def at_goal(x: float, y: float, aim: Floats) -> bool:
+    """Tell whether (x, y) is within the tolerance of the goal, also where it is exactly on the edge; `aim` as in `advance`."""
+    return bool(math.hypot(x - aim[0], y - aim[1]) <= aim[2] + TOUCH)
+
+
 @bare_kernel
 def advance(
     i: int, dt: float, limits: RobotLimits, aim: Floats, record: Record, terrain: Terrain, trajectories: Trajectories
@@ -37,7 +43,7 @@ def advance(
 
     The robot moves straight at constant speed from `record.t[i]` to (i + 1) dt, or until it meets an obstacle, a wall or the
     goal. Row i + 1 holds the state at that time; rows and commands up to i are given. `aim` has x, y and tolerance of the goal,
-    m.
+    m; a robot that is exactly that far from the goal at the end of the step has reached it.
 
     Returns what happened, `GOES_ON` or another of the above; the index of the obstacle that was met, else -1; and the smallest
     distance between the edges of robot and obstacles in this step, m, infinite without obstacles.
@@ -75,4 +81,6 @@ def advance(
     xy[i + 1, 0], xy[i + 1, 1] = bx, by
     velocity[i + 1, 0], velocity[i + 1, 1] = vx, vy
     heading[i + 1] = new_heading
+    if what == GOES_ON and at_goal(bx, by, aim):
+        what = REACHED
     return what, obstacle, clearance

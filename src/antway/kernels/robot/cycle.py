@@ -10,7 +10,7 @@ from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import knot_after, timeline_at, wrap
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState, Trajectories, Walls
-from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
+from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record, at_goal
 from antway.kernels.robot.motion import REST, clipped, holonomic_ramp, wheels_segment
 from antway.kernels.robot.sweep import (
     Body,
@@ -127,7 +127,8 @@ def play(
 
     A holonomic disc points in its direction of motion; a holonomic robot with a footprint keeps its heading. Rows and commands
     up to i are given. A command acts `limits.latency` s after the start of its cycle; before the first command acts, the robot
-    is commanded to stand. `aim` has x, y and tolerance of the goal, m.
+    is commanded to stand. `aim` has x, y and tolerance of the goal, m; a robot that is exactly that far from it at the end of
+    the cycle has reached it.
 
     Returns what happened and the obstacle as `advance` in kernels/robot/contact.py, and the smallest distance between the edges
     of robot and obstacles in this cycle, or `least` if that is smaller, m.
@@ -169,4 +170,6 @@ def play(
     record.xy[i + 1, 0], record.xy[i + 1, 1] = x, y
     record.velocity[i + 1, 0], record.velocity[i + 1, 1] = vx, vy
     record.heading[i + 1], record.turn_rate[i + 1] = wrap(theta), w
+    if what == GOES_ON and at_goal(x, y, aim):
+        what = REACHED
     return what, obstacle, least
