@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -131,6 +132,17 @@ def test_alternatives_are_different_short_and_legal():
     assert len(alternatives(problem, 3, path_ratio=1.01)) == 1
     corridor = Problem(Grid(np.zeros((1, 9), dtype=bool)), (0, 0), (0, 8))
     assert [path.length for path in alternatives(corridor, 4)] == [8.0]
+
+
+def test_of_two_alternatives_neither_covers_the_other():
+    """Also of the shorter path, no more than the allowed part is near a longer one, which may wind about it."""
+    for seed in range(12):
+        blocked = np.random.default_rng(seed).random((12, 24)) < 0.25
+        blocked[6, 1] = blocked[6, 22] = False
+        paths = alternatives(Problem(Grid(blocked), (6, 1), (6, 22)), 4, overlap=0.4, apart=1, path_ratio=2.0)
+        for one, other in permutations([path.cells for path in paths if len(path.cells)], 2):
+            away = abs(one[:, None] - other).max(axis=2).min(axis=1)
+            assert (away <= 1).mean() <= 0.4
 
 
 def test_fronts_and_ways_are_repeatable_with_any_number_of_threads():

@@ -195,10 +195,20 @@ def alternatives(
                 if colony.walkers.length[ant] > longest:
                     break
                 path = colony.walkers.path(ant)
-                if all(zone[graph.cells(path)].mean() <= overlap for zone in near):
+                if all(zone[graph.cells(path)].mean() <= overlap for zone in near) and not covers(path):
                     found, longest = path, float(colony.walkers.length[ant]) * (1 - 1e-9)
                     break
         return found
+
+    def places(path: NDArray[np.uint8]) -> NDArray[np.int64]:
+        """Return the cells of a path as (row, col)."""
+        return np.column_stack(np.divmod(graph.cells(path), graph.net.width))
+
+    def covers(path: NDArray[np.uint8]) -> bool:
+        """Tell whether too much of an earlier path is near this one."""
+        tree = scipy.spatial.KDTree(places(path))
+        away = (np.asarray(tree.query(places(other), p=math.inf)[0]) for other in paths)
+        return any((cells <= apart).mean() > overlap for cells in away)
 
     with colony.walkers:
         for _ in range(k):
