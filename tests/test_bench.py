@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import multiprocessing
 import os
 import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
 from dataclasses import replace
@@ -17,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from antway.arena import engines
 from antway.arena.engines import Job, _Worker, bench, local, table_jobs
 from antway.arena.store import Results, Row
 from antway.arena.suites import episodes
@@ -417,3 +420,33 @@ def test_an_answer_that_came_while_others_were_written_counts() -> None:
         given_up.append("given up" in row.reason)
         time.sleep(6.5 if len(given_up) == 1 else 0.0)
     assert given_up == [False, False]
+
+
+def test_a_thread_that_compiles_does_not_spoil_an_answer() -> None:
+    """Answers arrive whole, although another thread reports kernels meanwhile; long ones are written in several parts."""
+    ours, theirs = multiprocessing.Pipe()
+    line, answer, over = engines._Line(theirs), "x" * 100_000, threading.Event()
+    compiled = engines._Compiled(line)
+
+    def report() -> None:
+        while not over.is_set():
+            compiled.on_end(None)
+
+    def play() -> None:
+        for _ in range(50):
+            line.send(answer)
+        over.set()
+
+    threads = [threading.Thread(target=work, daemon=True) for work in (report, play)]
+    for thread in threads:
+        thread.start()
+    whole = 0
+    while whole < 50:
+        assert ours.poll(10.0)
+        received = ours.recv()
+        assert received in (None, answer)
+        whole += received is not None
+    while ours.poll(0.1):
+        assert ours.recv() is None
+    for thread in threads:
+        thread.join(10.0)

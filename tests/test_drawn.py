@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image, ImageColor
 
-from antway import Grid, RobotSpec, load_map, save_map
+from antway import Grid, RobotSpec, Scenario, World, load_map, load_scenario, save_map
+from antway.errors import BadParameter
 from antway.view import style
 from antway.view.animation import last_moment, write_animation
 from antway.view.notebook import grid_figure
 from antway.view.replay import replay_page, write_replay
+from antway.world.scenario import save_scenario
 from antway.world.trace import Trace
 from browser import DESKTOP, chromium, needs_browser, opened
 from sample import sample_trace
@@ -57,6 +59,18 @@ def test_what_was_drawn_keeps_row_0_on_top(tmp_path: Path, grid: Grid, suffix: s
     found = load_map(file, **({} if suffix == ".yaml" else {"resolution": 1.0}))
     assert found == grid and found.top_first == (suffix not in (".npy", ".yaml"))
     assert found.inflate(0.4).top_first == found.top_first
+
+
+@pytest.mark.parametrize("top_first", [True, False])
+def test_a_saved_scenario_is_shown_as_before(tmp_path: Path, grid: Grid, top_first: bool) -> None:
+    """Also the page keeps edits so: what was drawn used to be shown upside down once it was restored."""
+    cells = replace(grid, top_first=top_first)
+    save_scenario(Scenario(World(cells), (1.5, 4.5), (8.5, 4.5)), tmp_path / "s.toml")
+    found = load_scenario(tmp_path / "s.toml").world.grid
+    assert found == cells and found.top_first == top_first
+    (tmp_path / "s.toml").write_text("top_first = 2\n" + (tmp_path / "s.toml").read_text().removeprefix("top_first = true\n"))
+    with pytest.raises(BadParameter, match="top_first"):
+        load_scenario(tmp_path / "s.toml")
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(80, 12), (1200, 3), (12, 80), (4, 2000)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from antway.errors import BadInput
 from antway.grid import Grid, Moves
 from antway.kernels.colony import grid_walk as kernel
 from antway.planning import Budget, Problem, Status
+from antway.search.distance_field import dijkstra
 from antway.verify import check_plan
 from common import SHARED, cases, needs_data
 from naive import grid_walk as naive
@@ -116,6 +118,28 @@ def test_a_front_trades_length_for_clearance():
     assert (np.diff(front.values, axis=0) > 0).all()
 
 
+@pytest.mark.parametrize("moves", [Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT])
+def test_who_cuts_a_corner_has_no_clearance(moves):
+    """Fronts of length and clearance are those of shortest paths over cells with each clearance, and 0 for cut corners."""
+    rng = np.random.default_rng(8)
+    for seed in range(cases(8, 100)):
+        blocked = rng.random((7, 9)) < 0.2
+        blocked[0, 0] = blocked[-1, -1] = False
+        grid, (start, goal) = Grid(blocked, 0.5), ((0, 0), (6, 8))
+        clearance, wanted = grid.clearance(), [(dijkstra(Problem(grid, start, goal, moves)).length, 0.0)]
+        for level in np.unique(clearance[~blocked & (clearance <= min(clearance[start], clearance[goal]))]):
+            rest = dijkstra(Problem(Grid(clearance < level, 0.5), start, goal))
+            wanted += [(rest.length, level)] if rest.status is Status.FOUND else []
+        wanted = [one for one in wanted if math.isfinite(one[0]) and not any(is_worse(one, other) for other in wanted)]
+        found = pareto(Problem(grid, start, goal, moves), objectives=("length", "clearance"), seed=seed)
+        np.testing.assert_allclose(found.values, np.array(sorted(wanted)).reshape(-1, 2))
+
+
+def is_worse(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Whether the other path is as short and as far from walls, but not the same in both."""
+    return other != one and other[0] <= one[0] + 1e-9 and other[1] >= one[1]
+
+
 def test_alternatives_are_different_short_and_legal():
     """Paths share no more cells than allowed, are no longer than allowed, and the first is a shortest path."""
     blocked = np.zeros((21, 31), dtype=bool)
@@ -131,6 +155,17 @@ def test_alternatives_are_different_short_and_legal():
     assert len(alternatives(problem, 3, path_ratio=1.01)) == 1
     corridor = Problem(Grid(np.zeros((1, 9), dtype=bool)), (0, 0), (0, 8))
     assert [path.length for path in alternatives(corridor, 4)] == [8.0]
+
+
+def test_of_two_alternatives_neither_covers_the_other():
+    """Also of the shorter path, no more than the allowed part is near a longer one, which may wind about it."""
+    for seed in range(12):
+        blocked = np.random.default_rng(seed).random((12, 24)) < 0.25
+        blocked[6, 1] = blocked[6, 22] = False
+        paths = alternatives(Problem(Grid(blocked), (6, 1), (6, 22)), 4, overlap=0.4, apart=1, path_ratio=2.0)
+        for one, other in permutations([path.cells for path in paths if len(path.cells)], 2):
+            away = abs(one[:, None] - other).max(axis=2).min(axis=1)
+            assert (away <= 1).mean() <= 0.4
 
 
 def test_fronts_and_ways_are_repeatable_with_any_number_of_threads():

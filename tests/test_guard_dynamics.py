@@ -324,3 +324,15 @@ def test_a_robot_faster_than_its_top_speed_brakes_for_what_it_comes_near_to(x: f
     guard.reset(Task(Grid(np.zeros((80, 80), bool), SIZE), robot, (5.0, 5.0), (15.0, 5.0), obstacle_speed=0.0))
     guard.limit(Observation(0.0, (5.0, 5.0), (2.0, 0.0), 0.0, stands), Command((0.5, 0.0)))
     assert guard.did == did
+
+
+@pytest.mark.parametrize(("drive", "dynamics"), [("differential", "ramps"), ("differential", "steps"), ("holonomic", "ramps")])
+def test_obstacles_may_speed_up_for_as_long_as_a_robot_faster_than_its_top_speed_brakes(drive: str, dynamics: str) -> None:
+    """At 2 m/s downhill it stops after 4.2 m and 4.1 s, in which an obstacle that stands comes up to 4.2 m nearer."""
+    robot = RobotSpec(radius=0.3, v_max=0.5, a_max=0.5, dt=DT, drive=drive, dynamics=dynamics)
+    task = Task(Grid(np.zeros((80, 160), bool), SIZE), robot, (5.0, 5.0), (35.0, 5.0), obstacle_speed=2.0, obstacle_surge=0.5)
+    for x, free in ((13.0, False), (20.0, True)):
+        guard, stands = Guard(), Tracks([1], [[x, 5.0]], [[0.0, 0.0]], [0.3])
+        guard.reset(task)
+        guard.limit(Observation(0.0, (5.0, 5.0), (2.0, 0.0), 0.0, stands), Command((0.5, 0.0)))
+        assert (guard.did == "free") == free

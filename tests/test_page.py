@@ -615,6 +615,31 @@ def test_edits_that_another_tab_keeps_stay(page: Any) -> None:
         until(page, lambda: page.title().startswith("office"))
 
 
+def test_two_tabs_keep_their_edits_side_by_side(page: Any, address: str, tmp_path: Path) -> None:
+    """What one tab keeps no longer overwrites what another has kept: both are offered, the newest first, and at most five."""
+    kept = "(JSON.parse(localStorage.getItem('antway-edits')) ?? []).length"
+    other = page.context.new_page()
+    other.goto(address)
+    for number, tab in enumerate((page, other), 1):
+        for seed in (10 * number, 10 * number + 1):
+            tab.fill("#seed", str(seed))
+            tab.keyboard.press("Tab")
+            tab.wait_for_timeout(1500)
+        until(tab, lambda number=number, tab=tab: tab.evaluate(kept) == number)
+    other.close()
+    page.reload()
+    page.click("#forget")
+    expect(page, "#kept").to_contain_text("paper")
+    page.click("#restore")
+    expect(page, "#seed").to_have_value("11")
+    old = "[5, 4, 3, 2, 1].map((at) => ({ name: `old ${at}`, policies: [], data: 'x', at }))"
+    page.evaluate(f"localStorage.setItem('antway-edits', JSON.stringify({old}))")
+    page.fill("#seed", "12")
+    page.keyboard.press("Tab")
+    until(page, lambda: page.evaluate("localStorage.getItem('antway-edits')").count("old") == 4)
+    assert page.evaluate(kept) == 5 and scenario(page, tmp_path).seed == 12
+
+
 @pytest.mark.parametrize("path", ["", "tsp"])
 def test_terms_are_explained_by_pointer_and_keyboard(browser: Any, address: str, path: str) -> None:
     """What a term means is shown under the pointer and in focus, within the screen, named to screen readers, until Escape."""

@@ -367,6 +367,20 @@ def test_it_brakes_after_two_periods_without_odometry() -> None:
     assert still.pilot.silent(0.4, 0.4) is None, "there is nothing to stop"
 
 
+@pytest.mark.parametrize(("back", "commands"), [(0.23, 4), (0.26, 4), (0.29, 3)])
+def test_odometry_that_is_back_does_not_cut_the_stop_short(back: float, commands: int) -> None:
+    """Each command of a stop acts for half a period at least, also if odometry is back just after the pilot has braked."""
+    drive = ready(**INERTIA)
+    drive.pilot.guard.dynamic.keep[1:3] = 0.5, 2.0  # the stop turns by 0.5 rad/s for two periods
+    sent, drive.pilot.scan = [drive.pilot.silent(0.225, 0.225).command.twist], None
+    answer = drive.step(None, dt=back, passed=back)
+    assert answer.reason == "waiting for obstacles"
+    for _ in range(3):
+        sent.append(answer.command.twist)
+        answer = drive.step(None)
+    assert sent == [(0.0, 0.5)] * (commands - 1) + [None] * (5 - commands)
+
+
 def test_a_slow_simulation_is_not_silent() -> None:
     """Where the clock of the simulation is slow, `held` is by that clock, and the time-out by a steady one."""
     drive = ready(**INERTIA)

@@ -259,6 +259,19 @@ def test_budget_and_bound():
                 assert plan.arrival == best.arrival and budget >= best.expanded
 
 
+@pytest.mark.parametrize(("v_max", "now"), [(1e-6, 0.0), (0.7, 0.0), (0.7, 1e8), (1000.0, 0.0), (1000.0, 1e8)])
+def test_extreme_speeds_and_times(v_max, now):
+    """The slowest and the fastest robot get a path from start to goal, whose arrival no bound exceeds, late times included."""
+    search = Sipp(Grid(np.zeros((9, 12), dtype=bool)), (11.5, 7.5), radius=0.1, v_max=v_max)
+    best = search.plan((0.6, 0.5), t=now)
+    assert best.path.xy[0].tolist() == [0.6, 0.5] and best.path.xy[-1].tolist() == [11.5, 7.5] and best.path.t[0] == now
+    for budget in range(best.expanded):
+        assert now <= search.plan((0.6, 0.5), t=now, max_expanded=budget).lower_bound <= best.arrival
+    for wrong in (v_max * 1e-10, v_max * 1e10):
+        with pytest.raises(BadParameter, match="v_max"):
+            Sipp(search.grid, (11.5, 7.5), radius=0.1, v_max=wrong)
+
+
 def test_goal_region():
     """With a tolerance the robot goes to the cell it can reach first within that distance of the goal."""
     grid = Grid(np.zeros((5, 12), dtype=bool))

@@ -528,6 +528,27 @@ def test_a_stop_joins_rounds_that_are_under_way() -> None:
     assert len(session.scenario.stops) == 1 and session.views[0].episode.steps == 0
 
 
+def test_a_stop_joins_the_rounds_of_the_policy_that_still_drives() -> None:
+    """If the other policy has arrived, what both have driven stays; once both have arrived, a stop starts the run again."""
+    session = Session()
+    session.apply({"op": "policies", "names": ["potential-field", "follow"]})
+    session.apply({"op": "open", "files": _room()})
+    session.apply({"op": "stop", "xy": [4.5, 4.5]})
+    drives, arrived = session.views
+    while arrived.episode.outcome is None:
+        session.advance()
+    assert drives.episode.outcome is None, "it takes a little longer"
+    steps = session.steps
+    session.apply({"op": "stop", "xy": [1.5, 4.5]})
+    assert session.views == [drives, arrived] and session.steps == steps
+    first, second = session.frame()["views"]
+    assert second["outcome"] == "reached" and second["order"] == [] and first["order"] == [1]
+    play(session, 400)
+    assert len(session.frame()["views"][0]["visited"]) == 2
+    session.apply({"op": "stop", "xy": [1.5, 2.5]})
+    assert session.steps == 0
+
+
 def _room() -> list[dict[str, str]]:
     """The files of a room of 6 x 6 m without obstacles."""
     text = "\n".join("." * 6 for _ in range(6)) + "\n"

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.ants.grid_walk import NO_PATH, AntGraph, Ants, plan_of
 from antway.errors import BadParameter
+from antway.grid import Moves
 from antway.kernels.colony import grid_walk as kernel
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 
@@ -40,8 +42,9 @@ class Front:
         FOUND, NO_PATH (proved), or BUDGET if time ran out (the plans so far are kept).
     objectives : tuple of str
     values : float64[P, M]
-        For each plan: length (m), turns (changes of heading), clearance (smallest distance of the path to a blocked cell or map
-        edge, m; more is better), exposure (integral of the risk along the path).
+        For each plan: length (m), turns (changes of heading), clearance (smallest distance of the centres of its cells to a
+        blocked cell or map edge, m, or 0 if a move cuts a corner; more is better), exposure (integral of the risk along the
+        path).
     plans : tuple of Plan
     """
 
@@ -76,7 +79,8 @@ def pareto(
     budget : Budget
         Its cycles, if any, replace `cycles`.
     ants : int
-        Ants for each weighting and cycle. There are 12 weightings for one objective besides length, 25 for two, 27 for three.
+        Ants for each weighting and cycle. There are 12 weightings for one objective besides length, 25 for two, 27 for three;
+        twice as many for clearance where moves may cut corners.
     cycles : int
     threads : int
         The answer is the same for any number.
@@ -195,10 +199,20 @@ def alternatives(
                 if colony.walkers.length[ant] > longest:
                     break
                 path = colony.walkers.path(ant)
-                if all(zone[graph.cells(path)].mean() <= overlap for zone in near):
+                if all(zone[graph.cells(path)].mean() <= overlap for zone in near) and not covers(path):
                     found, longest = path, float(colony.walkers.length[ant]) * (1 - 1e-9)
                     break
         return found
+
+    def places(path: NDArray[np.uint8]) -> NDArray[np.int64]:
+        """Return the cells of a path as (row, col)."""
+        return np.column_stack(np.divmod(graph.cells(path), graph.net.width))
+
+    def covers(path: NDArray[np.uint8]) -> bool:
+        """Tell whether too much of an earlier path is near this one."""
+        tree = scipy.spatial.KDTree(places(path))
+        away = (np.asarray(tree.query(places(other), p=math.inf)[0]) for other in paths)
+        return any((cells <= apart).mean() > overlap for cells in away)
 
     with colony.walkers:
         for _ in range(k):
@@ -225,6 +239,14 @@ class _WeightedColony:
         self._threads = checks.integer("threads", threads, low=1, high=256)
         self._walked = 0
 
+    @cached_property
+    def around(self) -> kernel.GridGraph | None:
+        """The graph without the moves that cut corners; None if there are no such moves."""
+        problem = self.graph.problem
+        if problem.moves not in (Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT):
+            return None
+        return AntGraph(replace(problem, moves=Moves.EIGHT)).for_kernels
+
     def status(self) -> Status:
         """Return NO_PATH or BUDGET if there is nothing to search; else prepare the search and return FOUND."""
         if self.clock.spent():
@@ -244,8 +266,16 @@ class _WeightedColony:
         return bool((self.walkers.depth >= 0).any())
 
     def score(self, clearance: NDArray[np.float64], danger: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the result of `kernels.colony.grid_walk.score` for the ants that walked last."""
-        return kernel.score(self.graph.for_kernels, self.walkers.moves, self.walkers.depth, clearance, danger)
+        """Return the result of `kernels.colony.grid_walk.score` for the ants that walked last; who cuts a corner touches it."""
+        walkers, graph, around = self.walkers, self.graph, self.around
+        scores = kernel.score(graph.for_kernels, walkers.moves, walkers.depth, clearance, danger)
+        if around is None:
+            return scores
+        for ant in np.flatnonzero(walkers.depth >= 0).tolist():
+            path = walkers.path(ant)
+            if not (around.legal[graph.cells(path)[:-1]] >> path & 1).all():
+                scores[ant, 2] = -0.0
+        return scores
 
 
 class _Archive:
@@ -277,12 +307,12 @@ def _weightings(
 
     Turns and exposure cost a number of cells of length. These rates are spread around the exchange rate between the ends of the
     front, the paths that are best by length or by one other objective alone. Clearance is a constraint: less than a level costs
-    PURE.
+    PURE, and where moves may cut corners, each weighting is also used without these moves.
     """
 
-    def aim(turn: float, exposure: float, level: float) -> tuple[NDArray[np.float64], float]:
+    def aim(turn: float, exposure: float, level: float, legal: kernel.GridGraph) -> tuple[NDArray[np.float64], float]:
         cost = 1.0 + exposure * danger + PURE * (clearance < level)
-        return kernel.costs_to_go(graph.for_kernels, cost, turn), turn
+        return kernel.costs_to_go(legal, cost, turn), turn
 
     graph = colony.graph
     widest = min(clearance[graph.start], clearance[graph.goal])
@@ -290,7 +320,8 @@ def _weightings(
     extra = [name for name in most if name in names]
     ends = []
     for end in (None, *extra):
-        value, turn = aim(*(most[name] * (1.0 if name == end else 1e-5) for name in most))  # the others break ties
+        turn, exposure, level = (most[name] * (1.0 if name == end else 1e-5) for name in most)  # the others break ties
+        value, turn = aim(turn, exposure, level, graph.for_kernels)
         if colony.walk(value, turn, KEEN[-1]):
             scores = colony.score(clearance, danger)
             archive.take(scores, colony.walkers)
@@ -304,4 +335,8 @@ def _weightings(
     for name, column in (("turns", 1), ("exposure", 3)):
         known = span[0] > _SAME and span[column] > _SAME
         choices[name] = rates * (span[0] / span[column] if known else most[name] / PURE)
-    return [aim(*chosen) for chosen in product(*(choices[name] if name in extra else (0.0,) for name in most))]
+    graphs = [graph.for_kernels]
+    if "clearance" in names and colony.around is not None:
+        graphs.append(colony.around)
+    chosen = product(*(choices[name] if name in extra else (0.0,) for name in most))
+    return [aim(turn, exposure, level, legal) for turn, exposure, level in chosen for legal in graphs]

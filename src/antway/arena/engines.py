@@ -238,27 +238,39 @@ def _work(pipe: Connection) -> None:
     with suppress(OSError):  # where there is no stderr
         os.dup2(2, 1)  # what policies print does not belong to the answer on stdout
     warnings.filterwarnings("ignore", category=UserWarning, module=r"antway\.")  # said when the main process made the episodes
-    pipe.send(None)
-    event.register("numba:compile", _Compiled(pipe))  # type: ignore[no-untyped-call]
+    line = _Line(pipe)
+    line.send(None)
+    event.register("numba:compile", _Compiled(line))  # type: ignore[no-untyped-call]
     while True:
         try:
             job = pipe.recv()
         except EOFError:
             return
-        pipe.send(_safely(job))
+        line.send(_safely(job))
+
+
+class _Line:
+    """The pipe to the main process, to which any thread may write: one that plans may compile while an answer is sent."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self.pipe, self.lock = pipe, threading.RLock()
+
+    def send(self, answer: Answer | None) -> None:
+        with self.lock:
+            self.pipe.send(answer)
 
 
 class _Compiled(event.Listener):
     """Reports each compiled kernel to the main process, so that compiling does not count as the policy's time."""
 
-    def __init__(self, pipe: Connection) -> None:
-        self.pipe = pipe
+    def __init__(self, line: _Line) -> None:
+        self.line = line
 
     def on_start(self, event: object) -> None:
         pass
 
     def on_end(self, event: object) -> None:
-        self.pipe.send(None)
+        self.line.send(None)
 
 
 def _safely(job: Job) -> Answer:

@@ -109,9 +109,12 @@ def relative_swerve(task: Task) -> float:
     return min(float(task.obstacle_swerve) / PEOPLE_ACCEL, 1.0)
 
 
-def longest_stop(robot: RobotSpec) -> float:
-    """Return how long a certified stop takes at most, s: without wheels, a robot may brake along one axis after the other."""
-    return robot.stop_time * (1.0 if robot.wheels else BENT)
+def longest_stop(robot: RobotSpec, velocity: tuple[float, float] = (0.0, 0.0)) -> float:
+    """Return how long a certified stop takes at most, s: without wheels, a robot may brake along one axis after the other.
+
+    A robot that drives with `velocity`, m/s, may be beyond its top speed, because it was pushed or rolls downhill.
+    """
+    return max(math.hypot(*velocity), robot.v_max) / robot.braking * (1.0 if robot.wheels else BENT)
 
 
 class Guard:
@@ -223,10 +226,11 @@ class Guard:
     def _within_reach(self, o: Observation, stamp: float) -> NDArray[np.float64]:
         """Return the rows of all tracks that count (kernels/robot/reach.py)."""
         t, robot = o.tracks, self.task.robot
-        # The robot can brake from whatever it drives after this command.
-        stopping = robot.dt + min(math.hypot(*o.velocity) / robot.braking + robot.dt, robot.stop_time)
+        # The robot can brake from whatever it drives after this command, and from more if it is pushed or rolls downhill.
+        speed = math.hypot(*o.velocity)
+        stopping = robot.dt + min(speed / robot.braking + robot.dt, max(speed, robot.v_max) / robot.braking)
         if self.dynamic is not None:
-            stopping = self.dynamic.stopping
+            stopping = self.dynamic.stopping(o)
         most = self.count + len(t)
         if most > len(self.table):
             self.table = np.resize(self.table, (2 * most, kernel.TABLE_COLUMNS))
@@ -272,9 +276,6 @@ class _Dynamic:
         if before is not None:  # the stop that is certified, and the commands that do not act yet
             self.keep[:] = before.keep
             self.sent = np.vstack((self.sent, before.sent))[len(before.sent) :]
-        turning = 0.0 if robot.footprint is None else 2.0 * robot.turn_rate / robot.alpha_max
-        # The longest time until the end of any certified manoeuvre.
-        self.stopping = robot.latency + 2.0 * robot.dt + max(longest_stop(robot), turning) + turning
         aside = math.pi / 2 / robot.turn_rate + robot.turn_rate / robot.alpha_max if robot.wheels else 0.0
         # Time to turn and to get out of the path of a disc as large as the robot.
         self.aside = robot.latency + aside + 2.0 * math.sqrt(2.0 * robot.radius / robot.a_max)
@@ -292,10 +293,16 @@ class _Dynamic:
         rows[:n, RADIUS] += tracks[:, SPEED] * tracks[:, AGE]
         rows[:n, ACCEL], rows[:n, AGE] = math.inf, 0.0
         if o.tracks.covariance is None and self.swerve < math.inf:
-            n = _bounded(rows, n, tracks[:, AGE] < _NOW, self.swerve, self.record.walls, self.stopping)
+            n = _bounded(rows, n, tracks[:, AGE] < _NOW, self.swerve, self.record.walls, self.stopping(o))
         state = self.state_at_action(o)
         one, two, did = call(passed_among, state, asked, rows[:n], self.record, lookahead + self.aside)
         return self._command(o, one, two), did
+
+    def stopping(self, o: Observation) -> float:
+        """Return the longest time until the end of any certified manoeuvre, s; longer for a robot beyond its limits."""
+        robot = self.robot
+        turning = 0.0 if robot.footprint is None else 2.0 * max(robot.turn_rate, abs(o.turn_rate)) / robot.alpha_max
+        return robot.latency + 2.0 * robot.dt + max(longest_stop(robot, o.velocity), turning) + turning
 
     def state_at_action(self, o: Observation) -> RobotState:
         """Return the robot's state when a command given now begins to act."""

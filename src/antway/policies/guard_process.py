@@ -281,7 +281,7 @@ class _Server:
         if self.task is None or self.seen is None or self.link.views["rest"][0] == self.number:
             return
         robot = self.task.robot
-        for _ in range(math.ceil((longest_stop(robot) + robot.latency) / robot.dt) + 2):
+        for _ in range(math.ceil((longest_stop(robot, self.seen.velocity) + robot.latency) / robot.dt) + 2):
             self.brake(self.task)
             time.sleep(robot.dt)
 

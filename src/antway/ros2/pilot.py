@@ -54,8 +54,7 @@ class Pilot:
         self.scan: tuple[float, Tracks] | None = None
         self.odometry: Odometry | None = None
         self.faults: dict[str, tuple[float, str]] = {}  # when odometry or obstacles were last refused (steady, s), and why
-        robot = settings.robot
-        self.sent = np.zeros((robot.late_commands, 2))  # commands that do not act yet
+        self.sent = np.zeros((settings.robot.late_commands, 2))  # commands that do not act yet
         self.policy: AntwayPolicy | None = None
         self.bound_for: Goal | None = None  # the goal that the policy drives to: not yet a new one
         self.planning: tuple[Grid, Goal, Beside[AntwayPolicy | BadInput]] | None = None  # for a map and a goal
@@ -65,6 +64,7 @@ class Pilot:
         self.command, self.why = STAND, (OK, "")  # the last command, and level and reason of the last stop
         self.last_decision: tuple[Decision, Decision] | None = None  # of the policy, and the same in the map's frame
         self.due = self.started = -math.inf  # s; when odometry is to be answered next, and when the policy started
+        self.acts_until = -math.inf  # s; until when a command of the stop acts that was sent without odometry
         self.now = self.answered = -math.inf  # s of a steady clock; when odometry last arrived, and was last answered
         self.gaps: deque[float] = deque(maxlen=11)  # s; between the stamps of the latest odometry
         self.missed = 0  # number of control periods in which the robot brakes because odometry is late
@@ -140,22 +140,20 @@ class Pilot:
         by one command in each, until odometry is back: so late it is lost, and does not just jitter.
         """
         dt, timeout = self.settings.robot.dt, self.settings.timeout
-        if self.goal is None and not self._stopping:
-            return None
         over = max(held / dt - (1.5 if self._stopping else LATE), (seconds - timeout) / dt)
-        if over <= self.missed:
+        if over <= self.missed or (self.goal is None and not self._stopping):
             return None
         self.missed = math.floor(over) + 1
         if self._stopping:
             self.due += dt
             return self.brake()
+        if seconds <= timeout and self.command is STAND:
+            return None
+        if seconds > timeout or not isinstance(self.guard, GuardProcess):  # that brakes by itself
+            self.brake()
+            self.acts_until = self.due + held
         if seconds <= timeout:
-            if self.command is STAND:
-                return None
-            if not isinstance(self.guard, GuardProcess):  # that brakes by itself
-                self.brake()
             return self._hold(WARN, self._fault(ODOMETRY) or f"brake: no odometry for {LATE:g} control periods")
-        self.brake()
         reason = self._fault(ODOMETRY) or f"no odometry for {timeout:g} s"
         if self.goal is not None and self.goal.gives_up and seconds > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
@@ -196,7 +194,7 @@ class Pilot:
         self.due = (odometry.t if every or odometry.t - self.due >= dt else self.due) + dt
         self.missed, self.answered = 0, now
         if self.goal is None or self._stopping:
-            stood, answer = self.guard is None, self.brake()
+            stood, answer = self.guard is None, self.brake(odometry.t)
             return None if stood else answer
         if (period := self.period()) > SLOW * dt:
             reason = f"odometry comes each {period:.2f} s: commands are certified for robot.dt, {dt:g} s, and no longer"
@@ -225,9 +223,11 @@ class Pilot:
             self.number = 0
         return PilotAnswer(STAND, level, reason, end)
 
-    def brake(self) -> PilotAnswer:
-        """Answer with the next command of the guard's stop, once in a control period; the last one is STAND."""
+    def brake(self, t: float = math.inf) -> PilotAnswer:
+        """Answer with the stop's next command, or at `t` s with one that acts for half a period more; the last one is STAND."""
         guard, o, acts = self.guard, self.odometry, STAND.velocity
+        if t < self.acts_until - self.settings.robot.dt / 2:
+            return self._hold(*self.why)
         if guard is not None and o is not None:
             at = frames.move_odometry(frames.inverse(self.guard_frame), o)
             seen = Observation(at.t, at.xy, at.velocity, at.heading, Tracks.none())
@@ -264,7 +264,7 @@ class Pilot:
             if settings.robot.wheels and settings.robot.turning_radius == 0.0:
                 off = wrap(goal.yaw - odometry.heading)
             if not abs(off) > settings.yaw_tolerance:
-                self.brake()
+                self.brake(t)
                 return self.drop(f"arrived at {frames.shown(goal.xy)}", End.ARRIVED)
             return self._turn(goal, odometry)
         if self.map is None:
@@ -292,7 +292,7 @@ class Pilot:
         if self.started < t and (math.isnan(self.progress[0]) or math.dist(xy, self.progress[1]) >= settings.progress_radius):
             self.progress = (t, xy)
         elif goal.gives_up and t - self.progress[0] > settings.progress_time:
-            self.brake()
+            self.brake(t)
             return self.drop(f"no progress in {settings.progress_time:g} s", End.STUCK, ERROR)
         found = self._passed(self.policy.act, self._seen(odometry, self.started, self.scan), self.started)
         if isinstance(found, PilotAnswer):
@@ -352,7 +352,7 @@ class Pilot:
 
     def _send(self, pair: XY) -> None:
         """Record a command that does not act yet."""
-        self.sent = np.vstack((self.sent, [pair]))[1:]
+        self.sent, self.acts_until = np.vstack((self.sent, [pair]))[1:], -math.inf
 
     def _turn(self, goal: Goal, odometry: Odometry) -> PilotAnswer:
         """Turn in place towards the goal's yaw, as far as the guard lets a footprint turn."""
@@ -361,7 +361,7 @@ class Pilot:
             return self._wait(t, WARN, "waiting for a map and obstacles before it turns")
         if self.guard is not None and self.turner is None:
             self.policy = None
-            self.brake()
+            self.brake(t)
             return self._hold(OK, "brakes before it turns to the goal's yaw")
         seen = self._seen(odometry, 0.0, self.scan)
         _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), odometry.heading, settings.robot)
@@ -378,7 +378,7 @@ class Pilot:
             self.turner.reset(task)
         guard, self.waiting_since = self.turner, math.nan
         if goal.gives_up and t - self.progress[0] > settings.progress_time + math.pi / settings.robot.turn_rate:
-            self.brake()
+            self.brake(t)
             return self.drop(f"it cannot turn to the goal's yaw {goal.yaw:.2f} rad", End.STUCK, ERROR)
         found = self._passed(lambda seen: guard.limit(seen, Command(twist=(0.0, rate))), seen, 0.0)
         if isinstance(found, PilotAnswer):
@@ -390,7 +390,7 @@ class Pilot:
 
     def _wait(self, t: float, level: int, reason: str) -> PilotAnswer:
         """Stop and keep the goal, until `wait_timeout` has passed."""
-        self.brake()
+        self.brake(t)
         return self._impatient(t, level, reason) or self._hold(level, reason)
 
     def _impatient(self, t: float, level: int, reason: str) -> PilotAnswer | None:

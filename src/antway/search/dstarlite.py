@@ -43,8 +43,8 @@ class DStarLite:
     """A changing problem, and its shortest path after each change (Koenig and Likhachev, D* Lite, AAAI 2002).
 
     The search runs from the goal and keeps its distances; after a change it recomputes only those that differ and matter. The
-    path is as short as that of a new search. Its cost is exact in integers (5741 for a straight move, 8119 for a diagonal one),
-    which order paths by length as long as their numbers of diagonals differ by less than 5741.
+    path is as short as that of a new search. Its cost is exact in integers (38,613,965 for a straight move, 54,608,393 for a
+    diagonal one), which order paths by length as long as their numbers of diagonals differ by less than 38 million.
 
     Parameters
     ----------

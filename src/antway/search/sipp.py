@@ -22,6 +22,7 @@ from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.spacetime import sipp as kernels
 from antway.kernels.spacetime.moves import move_field, move_mask
 from antway.kernels.spacetime.segments import timeline_segments
+from antway.limits import MAX_SPEED
 from antway.planning import Status, TimedPath
 
 TIMED_MOVES = (Moves.FOUR, Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO)
@@ -57,7 +58,7 @@ class TimedPlan:
     arrival : float
         Time at the goal in s, infinite without a path. No path of the same moves arrives more than 1e-8 s earlier.
     lower_bound : float
-        No path of the same moves arrives earlier, s.
+        If the path was found, its arrival; else no path of the same moves arrives earlier, s.
     expanded : int
         Safe intervals expanded.
     elapsed : float
@@ -134,7 +135,7 @@ class Sipp:
     goal : (x, y)
         m; the robot goes to the centre of the cell that contains it.
     radius, v_max : float
-        Of the robot, m (>= 0) and m/s (>= 1e-100). It drives at full speed, or waits at the centre of a cell.
+        Of the robot, m (>= 0) and m/s (in [1e-6, 1000]). It drives at full speed, or waits at the centre of a cell.
     moves : Moves
         FOUR, EIGHT, SIXTEEN or THIRTY_TWO.
     goal_tolerance : float
@@ -173,7 +174,7 @@ class Sipp:
         if grid.origin[2] != 0.0:
             raise BadParameter("grid.origin[2]", grid.origin[2], "0 in a space-time search (yaw): Grid.turned() turns the map")
         self.grid, self.moves, self.radius = grid, moves, float(radius)
-        self.v_max = checks.number("v_max", v_max, low=1e-100, unit="m/s")
+        self.v_max = checks.number("v_max", v_max, low=1e-6, high=MAX_SPEED, unit="m/s")
         self.goals = self._goal_cells(goal, checks.number("goal_tolerance", goal_tolerance, low=0.0, unit="m"))
         self.field = timed_field(self.mask, moves, self.goals, grid.resolution / self.v_max)
         self._workspace = _workspace(self.mask.size, 4096, 64)
@@ -246,6 +247,8 @@ class Sipp:
         if code == kernels.FOUND:
             path = TimedPath(*kernels.sipp_path(state, (x, y), frame, self._workspace))
             arrival = bound = float(path.t[-1])
+        elif code == kernels.BUDGET:
+            bound = max(t, bound - max(1e-8, 4 * math.ulp(bound)))  # sums of times are rounded
         return TimedPlan(_STATUS[code], path, arrival, bound, expanded, time.perf_counter() - started)
 
     def stands(self, xy: tuple[float, float]) -> bool:

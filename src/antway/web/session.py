@@ -298,12 +298,13 @@ class Session(Tab):
         if len(stops) > MAX_STOPS:
             raise TooLarge("stops.length", len(stops), f"at most {MAX_STOPS} on the page")
         tours = [view.episode.tour for view in self.views if view.episode.steps and view.episode.outcome is None]
-        if len(stops) == len(kept) or len(tours) < len(self.views) or None in tours:
+        if len(stops) == len(kept) or not tours or None in tours:
             return self._change(stops=stops)
         scenario = replace(self.scenario, stops=stops)
-        for view, tour in zip(self.views, tours, strict=True):
+        for tour in tours:
             assert tour is not None
             tour.add(stops[-1])
+        for view in self.views:  # one that has arrived, too: the page gets everything again
             view.added()
         self.at = self.steps
         return self._remember(scenario)

@@ -132,7 +132,7 @@ class Scenario:
 
 
 _PLAIN = ("name", "map", "start", "goal", *BOUNDS, "horizon", "seed", "through_walls")
-_TOP = (*_PLAIN, "resolution", "occupied", "robot", "sensor", "obstacles", "stops")
+_TOP = (*_PLAIN, "resolution", "occupied", "top_first", "robot", "sensor", "obstacles", "stops")
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -142,8 +142,9 @@ def load_scenario(path: str | Path) -> Scenario:
     `[[obstacles]]` has `radius`, `motion` (line, back-and-forth, waypoints, bounce, random-walk, replay, pursue) and the fields
     of that motion (`antway.world.motions`). Each `[[stops]]` has the fields of `antway.world.stops.Stop`. `map` is a file in
     the folder of the scenario or below; so is the `file` of a replay, with CSV lines t,x,y. `resolution` is the edge of a cell
-    in m, for maps that do not store it; `occupied` is the cost from which a cell of a ROS map is blocked. A map whose yaw is
-    not 0 is turned (`Grid.turned`).
+    in m, for maps that do not store it; `occupied` is the cost from which a cell of a ROS map is blocked. `top_first` says
+    whether pages and figures show row 0 on top (`Grid.top_first`), if not as `load_map` has it. A map whose yaw is not 0 is
+    turned (`Grid.turned`).
 
     `robot` is a table, or the name of a robot that antway knows (`antway.world.robots.ROBOTS`). Instead of `radius` a robot may
     have a `footprint`, a list of corners [x, y] in m relative to its centre of rotation. Guard and contact tests use the turned
@@ -170,6 +171,7 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
     check_keys(record, "", _TOP, ("map", "start", "goal"), where)
     values = dict(record)
     size = {name: values.pop(name) for name in ("resolution", "occupied") if name in values}
+    shown = {name: values.pop(name) for name in ("top_first",) if name in values}
     grid = load_map(_file_below(values["map"], "map", folder, where), **size).turned()
     robot = _robot(values.pop("robot", {}), where)
     sensor = from_table("sensor", Sensor, values.pop("sensor", {}), where)
@@ -184,7 +186,8 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
         raise BadScenario("stops", visits, "a list of tables [[stops]]", where=where)
     stops = tuple(from_table(f"stops[{k}]", Stop, one, where) for k, one in enumerate(visits))
     try:
-        return Scenario(world=World(grid, obstacles), robot=robot, sensor=sensor, stops=stops, **values)
+        world = World(replace(grid, **shown), obstacles)
+        return Scenario(world=world, robot=robot, sensor=sensor, stops=stops, **values)
     except BadInput as error:
         raise error.at(where) from None
 
@@ -278,7 +281,9 @@ def save_scenario(scenario: Scenario, path: str | Path) -> None:
         map_path = file.with_name(f"{file.stem}_map.yaml")
         if not _holds(map_path, scenario.world.grid):
             save_map(scenario.world.grid, map_path)
-        file.write_text(to_toml(replace(scenario, map=map_path.name)), encoding="utf-8")
+        shown = "top_first = true
+" if scenario.world.grid.top_first else ""  # which a ROS map does not store
+        file.write_text(shown + to_toml(replace(scenario, map=map_path.name)), encoding="utf-8")
 
 
 def _holds(file: Path, grid: Grid) -> bool:

@@ -171,7 +171,8 @@ def _nearby(state: RobotState, robot: Robot, tracks: Floats) -> int:
     speed = math.hypot(a, b) if holonomic else abs(a)
     fastest = max(speed, min(speed + limits.a_max * robot.dt, limits.v_max))
     stop = fastest / limits.brake_max if limits.brake_max < math.inf else 0.0
-    turning = limits.turn_rate / limits.alpha_max if len(robot.body.corners) > 1 and limits.alpha_max < math.inf else 0.0
+    spin = limits.turn_rate if holonomic else max(limits.turn_rate, abs(b))
+    turning = spin / limits.alpha_max if len(robot.body.corners) > 1 and limits.alpha_max < math.inf else 0.0
     time = limits.latency + 2.0 * robot.dt + max(BENT * stop if holonomic else stop, turning) + turning
     far = fastest * (2.0 * robot.dt + stop) + robot.body.radius + _SLACK
     for k in range(len(tracks)):

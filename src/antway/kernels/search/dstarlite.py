@@ -1,7 +1,7 @@
 """D* Lite on a padded flat grid: when cells change or the robot moves, only the affected part is searched again.
 
 Koenig and Likhachev, D* Lite, AAAI 2002, optimised version; `g`, `rhs`, the keys and k_m are the paper's. Costs are sums of
-STRAIGHT and DIAGONAL (see `lengths`). Moves are numbered as the directions in `canonical`.
+the fine lengths of `lengths`. Moves are numbered as the directions in `canonical`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from antway.kernels.base.arrays import Bools, Ints
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.search.canonical import COL, ROW
-from antway.kernels.search.lengths import DIAGONAL, STRAIGHT, octile
+from antway.kernels.search.lengths import FINE_DIAGONAL as DIAGONAL
+from antway.kernels.search.lengths import FINE_STRAIGHT as STRAIGHT
+from antway.kernels.search.lengths import octile
 
 INF = 1 << 60  # cost where there is no path
 # Indices of `state`: width of the padded grid, number of moves (4 or 8), number of side cells of a diagonal that must be free,

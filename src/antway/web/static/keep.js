@@ -4,28 +4,37 @@ import { notice } from "/parts.js";
 
 const KEY = "antway-edits";
 const EDITS = ["set", "paint", "move", "drop", "stop", "remove", "open", "undo", "redo"];
+const MOST = 5; // edits kept, each of another tab or of an earlier visit
 const PAUSE = 1000; // ms without an edit after which the scenario is asked for
 
-// What is kept, by this tab or by another; null if there is nothing that can be read, or the browser blocks it.
+// What this tab and others have kept, the newest first; nothing where that cannot be read, or the browser blocks it.
 function read() {
   try {
-    return JSON.parse(localStorage.getItem(KEY));
+    const all = [JSON.parse(localStorage.getItem(KEY))].flat();
+    return all.filter((edits) => edits?.data).sort((a, b) => b.at - a.at);
   } catch {
-    return null;
+    return [];
   }
 }
 
-// Remove edits, unless others have been kept since, for instance by another tab.
+function write(all) {
+  if (all.length) localStorage.setItem(KEY, JSON.stringify(all));
+  else localStorage.removeItem(KEY);
+}
+
+// Remove edits; those that have been kept since, or by other tabs, stay.
 function remove(edits) {
-  if (edits && read()?.at === edits.at) localStorage.removeItem(KEY);
+  const all = read();
+  const others = all.filter(({ at }) => at !== edits?.at);
+  if (others.length < all.length) write(others);
 }
 
 // `request` asks the server, `open({data, policies})` opens what was kept.
 class Keeper {
   constructor(request, open) {
     [this.request, this.edited, this.timer] = [request, false, 0];
-    byId("restore").addEventListener("click", () => (this.close(), open(this.offered)));
-    byId("forget").addEventListener("click", () => (this.close(), remove(this.offered)));
+    byId("restore").addEventListener("click", () => (this.close(), (this.kept = this.offered), open(this.offered)));
+    byId("forget").addEventListener("click", () => (this.close(), remove(this.offered), this.offer()));
   }
 
   close() {
@@ -38,6 +47,7 @@ class Keeper {
     if (op !== "scene") return;
     this.edited = false;
     remove(this.kept);
+    this.kept = null;
   }
 
   // Note that the scenario is another one.
@@ -46,21 +56,26 @@ class Keeper {
     if (this.edited) this.timer = setTimeout(() => this.edited && this.request({ op: "export", what: "keep" }), PAUSE);
   }
 
-  // Keep what the server sent, unless another scene was chosen meanwhile.
+  // Keep what the server sent in place of what this tab kept before, unless another scene was chosen meanwhile.
   keep({ name, policies, data }) {
     if (!this.edited) return;
+    const others = read().filter(({ at }) => at !== this.kept?.at).slice(0, MOST - 1);
     this.kept = { name, policies, data, at: Date.now() };
-    try {
-      localStorage.setItem(KEY, JSON.stringify(this.kept));
-    } catch (error) {
-      if (!this.said) notice(`This browser does not keep the edits: ${error.message}`);
-      this.said = true;
+    for (;;) {
+      try {
+        return write([this.kept, ...others]);
+      } catch (error) {
+        if (others.pop()) continue; // there is no room for the oldest
+        if (!this.said) notice(`This browser does not keep the edits: ${error.message}`);
+        this.said = true;
+        return;
+      }
     }
   }
 
   offer() {
-    const kept = read();
-    if (!kept?.data) return;
+    const [kept] = read();
+    if (!kept) return;
     this.offered = kept;
     const when = new Date(kept.at).toLocaleString([], { day: "numeric", month: "short", hour: "numeric", minute: "2-digit" });
     byId("kept").firstElementChild.textContent = `Edits of “${kept.name || "a scenario"}”, ${when}, are kept here.`;
