@@ -442,3 +442,18 @@ def test_who_is_seen_without_a_velocity_may_go_anywhere(kind: str, mode: str) ->
             moved += moves
             assert not moves or math.dist((state.x, state.y), (4.0, y + robot.dt)) > RADIUS + 0.3 - 1e-6, (x, i)
     assert moved > 50
+
+
+@pytest.mark.parametrize("a_max", [math.inf, 1.0])
+def test_who_was_seen_in_cycles_without_a_command_is_remembered(a_max: float) -> None:
+    """He stands before the robot and is hidden when the policy commands again, within `hold`; also if it commanded NaN."""
+    one = Tracks(np.array([1]), np.array([(5.72, 3.0)]), np.zeros((1, 2)), np.array([0.3]))
+    for before in (Command((0.0, 0.0)), None, Command((math.nan, 0.0))):
+        guard = Guard(hold=0.5)
+        guard.reset(Task(Grid(np.zeros((60, 80), dtype=bool), 0.1), RobotSpec(radius=0.2, a_max=a_max), (5.0, 3.0), (7.0, 3.0)))
+        for i in range(6):
+            t, hidden = 0.1 * i, i == 5
+            seen = Observation(t, (5.0, 3.0), (0.0, 0.0), 0.0, Tracks.none() if hidden else one)
+            passed = guard.limit(seen, Command((0.8, 0.0)) if hidden else before)
+            assert guard.last_stamp == t
+        assert guard.did != "free" and passed.velocity[0] < 0.5

@@ -202,12 +202,12 @@ class Guard:
             self.why = f"the guard brakes until {self.last_stamp:.1f} s, because the clock went back"
         elif not -_EARLY <= o.t - stamp <= self.timeout:
             self.why = "the guard brakes, because there is no scan of now"
+        else:  # what is in sight is remembered, even if there is no command
+            self.last_stamp, tracks = stamp, self._within_reach(o, stamp)
         acts = () if command is None else command.velocity if robot.wheels and self.dynamic is None else command.acts(o, robot)
         if self.why or command is None or not all(map(math.isfinite, acts)):
             self.did = DID[kernel.BRAKED]
             return _STOP if self.dynamic is None else self.dynamic.stop(o)
-        self.last_stamp = stamp
-        tracks = self._within_reach(o, stamp)
         if self.dynamic is not None:
             asked = np.array([acts], np.float64)
             if others is not None:
