@@ -503,3 +503,50 @@ def test_what_is_computed_anew_keeps_the_distance_for_an_uncertain_place() -> No
     after = policy.state.controls
     assert after.margins == before.controls.margins and after.margins.margin > 0.08
     assert after.problem.weights.wall_margin == before.controls.problem.weights.wall_margin
+
+
+def test_a_departure_keeps_what_was_learnt() -> None:
+    """The robot that was found is planned for and guarded on the way to the next stop; both used to be as declared again."""
+    declared, grid = load_robot("diff"), Grid(np.zeros((40, 120), np.bool_), 0.1)
+    policy = AntwayPolicy()
+    policy.reset(Task(grid, declared, (1.0, 2.0), (6.0, 2.0)), 0)
+    seen = Tracks(np.array([7]), np.array([[9.0, 2.0]]), np.zeros((1, 2)), np.array([0.3]))
+    policy.act(Observation(0.0, (1.0, 2.0), (0.0, 0.0), 0.0, seen))
+    before = policy.state
+    assert before is not None and policy.guard is not None
+    drive(before.response, replace(declared, a_max=0.3), 60)
+    policy.depart(Task(grid, declared, (1.0, 2.0), (8.0, 2.0)), 1)
+    after = policy.state
+    assert after is not None and after is not before and after.controls is not None
+    assert after.response is before.response and after.response.robot.braking < 0.5 * declared.braking
+    assert after.task.robot == policy.guard.task.robot == after.response.robot and after.task.goal == (8.0, 2.0)
+    assert after.controls.problem.limits.brake_max == after.response.robot.braking
+    assert after.tracker is before.tracker and len(after.tracker.estimates) == 1 and after.yielding is not before.yielding
+    policy.reset(Task(grid, declared, (1.0, 2.0), (8.0, 2.0)), 1)
+    assert policy.state is not None and policy.state.task.robot == policy.guard.task.robot == declared
+    assert len(policy.state.tracker.estimates) == 0
+
+
+@pytest.mark.parametrize("guarded", [False, True])
+@pytest.mark.parametrize("name", ["diff", "inertia"])
+def test_commands_that_do_not_act_yet_survive_a_departure(name: str, guarded: bool) -> None:
+    """With latency, observations without `pending` get the same commands, also right after a departure amid the drive."""
+    robot = replace(load_robot(name), latency=0.4)
+    grid, given = Grid(np.zeros((40, 120), np.bool_), 0.1), []
+    for told in (True, False):
+        policy = Guarded(AntwayPolicy(guard=False)) if guarded else AntwayPolicy()
+        state, sent = RobotState(1.0, 2.0, 0.0, 0.0, 0.0), np.zeros((4, 2))
+        policy.reset(Task(grid, robot, (1.0, 2.0), (11.0, 2.0)), 0)
+        given.append([])
+        for k in range(30):
+            place, heading = (state.x, state.y), state.theta
+            if k == 20:
+                policy.depart(Task(grid, robot, place, (11.0, 1.0)), 1)
+            velocity = (state.a * math.cos(heading), state.a * math.sin(heading)) if robot.wheels else (state.a, state.b)
+            turn_rate = state.b if robot.wheels else 0.0
+            full = Observation(k * robot.dt, place, velocity, heading, NOBODY, turn_rate=turn_rate, pending=sent.copy())
+            acts = policy.act(full if told else replace(full, pending=None)).acts(full, robot)
+            given[-1].append(acts)
+            state = drive_cycle(state, *sent[0].tolist(), robot.limits, robot.dt)
+            sent = np.vstack((sent[1:], [acts]))
+    assert given[0] == given[1]

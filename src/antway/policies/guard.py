@@ -370,9 +370,9 @@ class Guarded:
         self.policy.reset(task, seed)
 
     def depart(self, task: Task, seed: int) -> None:
-        """Reset the policy for another task of the same robot, which may drive. The guard keeps its stop and its tracks."""
+        """Let the policy depart, or reset it, for another task of the same robot. The guard keeps its stop and its tracks."""
         self.guard.set_robot(task)
-        self.policy.reset(task, seed)
+        getattr(self.policy, "depart", self.policy.reset)(task, seed)
 
     def act(self, observation: Observation) -> Command:
         """Return the policy's command as the guard passes it.

@@ -155,17 +155,20 @@ class AntwayPolicy:
         OutOfBounds, CellBlocked
             If the robot does not fit at the start or at the goal.
         """
-        departs, self._departs = self._departs, False
+        old, self._departs = self.state if self._departs else None, False
         rehearse(AntwayPolicy, task.robot, mode=self.mode, guard=self.guard is not None, controls=self.controls)
-        self._heading, self._beside, self._outdated = math.nan, None, False
-        self.state = self._made(task, seed, Response(task.robot), self._heading)
-        if self.guard and departs:
-            self.guard.set_robot(task)
-        elif self.guard:
-            self.guard.reset(task)
+        self._beside, self._outdated = None, False
+        if old is not None:
+            task = replace(task, robot=old.response.robot)
+            self.state = states.taken_over(self._made(task, seed, old.response, self._heading), old)
+        else:
+            self._heading = math.nan
+            self.state = self._made(task, seed, Response(task.robot), self._heading)
+        if self.guard is not None:
+            (self.guard.reset if old is None else self.guard.set_robot)(task)
 
     def depart(self, task: Task, seed: int) -> None:
-        """Do as `reset` for another task of the same robot, which may drive: the guard keeps its stop and what it has seen."""
+        """Do as `reset` for another task of the same robot, which may drive: what was learnt, seen and certified is kept."""
         self._departs = True
         self.reset(task, seed)  # which a subclass may have extended
 
@@ -178,9 +181,7 @@ class AntwayPolicy:
 
     def take_over(self, other: AntwayPolicy, t: float) -> None:
         """Go on at `t` s where `other` drives the same robot, with all that it knows and its guard, for the task of `reset`."""
-        new, old, self.guard = self._state, other._state, other.guard
-        own = {name: getattr(new, name) for name in ("surroundings", "terrain", "yielding")}
-        self.state = replace(states.carried_on(new, old), response=old.response, **own)
+        self.state, self.guard = states.taken_over(self._state, other._state), other.guard
         self._suit_response(t)
 
     def _made(self, task: Task, seed: int, response: Response, heading: float, place: XY | None = None) -> State:

@@ -178,6 +178,12 @@ def carried_on(new: State, old: State) -> State:
     return replace(new, settings=settings, **known)
 
 
+def taken_over(new: State, old: State) -> State:
+    """Return the state `new` for another task of the robot, with what is known of it and of obstacles in `old`."""
+    own = {name: getattr(new, name) for name in ("surroundings", "terrain", "yielding")}
+    return replace(carried_on(new, old), response=old.response, **own)
+
+
 def laid_trails(trails: Trails, context: PlanningContext) -> LaidTrails:
     """Return the pheromone on moves between places, its maximum over all times of arrival."""
     used = np.flatnonzero(trails.key >= 0)
