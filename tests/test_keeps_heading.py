@@ -171,3 +171,20 @@ def test_a_robot_beside_the_map_is_planned_for_from_its_start() -> None:
     expected = contexts_for(task, Moves.EIGHT, 0.0)[0][0].field
     for place in (None, (-3.0, 2.0), (6.0, 7.0)):
         assert (contexts_from(place, task, Moves.EIGHT, 0.0)[0][0].field == expected).all()
+
+
+def test_a_heading_that_is_new_while_the_robot_drives_is_planned_for_beside_the_cycles() -> None:
+    """Who takes over has not seen the heading yet, and used to plan for it within a cycle; who departs goes on with it."""
+    task = Task(rooms(("x", 1.5, 2.4)), LONG, (2.0, 2.0), (10.0, 2.0))
+    first, second = AntwayPolicy(), AntwayPolicy()
+    first.reset(task, seed=0)
+    first.act(Observation(0.0, task.start, (0.0, 0.0), 0.0, Tracks.none()))
+    assert first._beside is None and first._heading == 0.0
+    second.reset(task, seed=1)
+    second.take_over(first, 0.1)
+    second.act(Observation(0.1, task.start, (0.3, 0.0), 0.0, Tracks.none()))
+    assert second._beside is not None
+    second.depart(task, seed=2)
+    departed = second.state
+    second.act(Observation(0.2, task.start, (0.3, 0.0), 0.0, Tracks.none()))
+    assert second._beside is None and second.state is departed and second._heading == 0.0

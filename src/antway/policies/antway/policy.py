@@ -325,7 +325,7 @@ class AntwayPolicy:
             return
         if is_turned(s.task.robot, self._heading, o.heading):
             first, self._heading = math.isnan(self._heading), o.heading
-            self._compute_anew(o.t, s.task, None if first else 0)  # later the robot drives, and has no time
+            self._compute_anew(o.t, s.task, None if first and not any(o.velocity) else 0)  # one that drives has no time
 
     def sent(self, observation: Observation, command: Command) -> None:
         """Take note of the command that was sent in place of the one returned for an observation."""
