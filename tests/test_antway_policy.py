@@ -684,3 +684,41 @@ def test_a_robot_that_drives_when_its_path_is_cut_off_stops(name: str) -> None:
         assert policy.explain().action == "stuck"
         braked = max(speed - robot.braking * robot.dt, 0.0)
         x, speed = x + 0.5 * (speed + braked) * robot.dt, braked
+
+
+def closet(door: float) -> Grid:
+    """A hall of 8 x 4 m with a room in its upper right corner, which has a door below."""
+    blocked = np.zeros((80, 160), np.bool_)
+    blocked[44:46, 80:] = blocked[44:, 80:82] = True
+    blocked[44:46, 100 : 100 + round(door / 0.05)] = False
+    return Grid(blocked, 0.05)
+
+
+BOX = ((0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2))
+
+
+@pytest.mark.parametrize("footprint", [None, BOX])
+def test_a_robot_that_was_carried_into_a_room_leaves_it_by_a_narrow_door(
+    footprint: tuple[tuple[float, float], ...] | None,
+) -> None:
+    """Margins and discs are chosen anew where it is; it used to say that there is no path, and to stand for good."""
+    door = 0.45 if footprint is None else 0.5
+    wheels = {"a_max": 1.0, "drive": "differential", "turn_rate": 2.0, "alpha_max": 4.0, "v_reverse": 0.2}
+    robot, place = RobotSpec(radius=0.2, v_max=0.6, footprint=footprint, **wheels), (5.0 + 0.5 * door, 3.2)
+    policy, grid = AntwayPolicy(), closet(door)
+    policy.reset(Task(grid, robot, (1.0, 1.0), (7.0, 1.0)), seed=0)
+    policy.act(Observation(0.0, (1.0, 1.0), (0.0, 0.0), -1.57, Tracks.none()))
+    speeds = [policy.act(Observation(0.1 * k, place, (0.0, 0.0), -1.57, Tracks.none())).twist for k in range(1, 4)]
+    assert speeds[1] is not None and speeds[1][0] > 0.0 and policy.explain().action == "follow"
+
+
+def test_a_robot_that_is_cut_off_looks_for_a_path_once_at_each_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a room without a door it stands, and does not compute the same again in each cycle."""
+    asked, compute = [], AntwayPolicy._compute_anew
+    monkeypatch.setattr(AntwayPolicy, "_compute_anew", lambda self, *more: (asked.append(self._place), compute(self, *more))[1])
+    policy = AntwayPolicy()
+    policy.reset(Task(closet(0.0), RobotSpec(radius=0.2, a_max=1.0), (1.0, 1.0), (7.0, 1.0)), seed=0)
+    for k, place in enumerate([(1.0, 1.0), (5.0, 3.2), (5.0, 3.2), (5.1, 3.2), (6.0, 3.2), (6.0, 3.2)]):
+        command = policy.act(Observation(0.1 * k, place, (0.0, 0.0), 0.0, Tracks.none()))
+        assert (command.velocity == (0.0, 0.0)) == (k > 0)
+    assert asked == [(5.0, 3.2), (6.0, 3.2)] and policy.explain().action == "stuck"

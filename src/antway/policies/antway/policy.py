@@ -135,6 +135,7 @@ class AntwayPolicy:
         self._departs = False  # whether the next `reset` is a departure amid a drive
         self._heading = math.nan  # rad; heading of a robot that cannot turn; NaN for one that can, and before the first cycle
         self._place: XY | None = None  # m; of the last observation; None before the first cycle
+        self._cut_off_at = (0.0, 0.0)  # m; from where a path to the goal was looked for last: at first, the start
         self._beside: Beside[State | Counted] | None = None
         self._outdated = False  # whether the state is to be computed anew, once what is computed beside is done
 
@@ -158,7 +159,7 @@ class AntwayPolicy:
         """
         old, self._departs = self.state if self._departs else None, False
         rehearse(AntwayPolicy, task.robot, mode=self.mode, guard=self.guard is not None, controls=self.controls)
-        self._beside, self._outdated = None, False
+        self._beside, self._outdated, self._cut_off_at = None, False, task.start
         if old is not None:
             task = replace(task, robot=old.response.robot)
             self.state = states.taken_over(self._made(task, seed, old.response, self._heading), old)
@@ -319,13 +320,16 @@ class AntwayPolicy:
         s.task, s.decision, s.until = task, None, -math.inf
 
     def _suit_place(self, o: Observation) -> None:
-        """Plan anew for a robot that was turned."""
-        s = self._state
+        """Plan anew for a robot that was turned, or that has no path from where it is now, once for each place."""
+        s, moved = self._state, math.dist(o.xy, self._cut_off_at) > self._state.task.robot.radius
         if self._beside is not None:
             return
         if is_turned(s.task.robot, self._heading, o.heading):
             first, self._heading = math.isnan(self._heading), o.heading
             self._compute_anew(o.t, s.task, None if first and not any(o.velocity) else 0)  # one that drives has no time
+        elif moved and s.plan.state[KNOT_COUNT] == 0 and states.is_cut_off(s, o):
+            self._cut_off_at = o.xy
+            self._compute_anew(o.t, s.task)  # margins and nodes are chosen by the path from a place
 
     def sent(self, observation: Observation, command: Command) -> None:
         """Take note of the command that was sent in place of the one returned for an observation."""
@@ -357,7 +361,7 @@ class AntwayPolicy:
         delay, acting_at, robot = acting(o, s.task.robot)
         self._plan(acting_at, o.t - o.sensed_at + delay)
         n, m, estimates = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), s.tracker.estimates
-        if n == 0 and s.detours.is_cut_off(o.xy, s.settings.colony.leg_cells):
+        if n == 0 and states.is_cut_off(s, o):
             return s.controls.stand(), KEPT  # all rollouts are as bad as any other
         turns, doubt = s.tracker.turns, distrust(s.crowd.pool, s.crowd.missed)
         sigma = s.controls.deviations(estimates, s.crowd.velocity_error[: len(estimates)], doubt, turns)

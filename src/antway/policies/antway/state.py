@@ -189,6 +189,11 @@ def contexts_from(place: XY | None, task: Task, moves: Moves, heading: float) ->
     return contexts_for(task, moves, heading)
 
 
+def is_cut_off(s: State, o: Observation) -> bool:
+    """Tell whether the map has no path to the goal from where the robot is, or from nearby."""
+    return s.detours.is_cut_off(o.xy, s.settings.colony.leg_cells)
+
+
 def taken_over(new: State, old: State) -> State:
     """Return the state `new` for another task of the robot, with what is known of it and of obstacles in `old`."""
     own = {name: getattr(new, name) for name in ("surroundings", "terrain", "yielding")}
