@@ -736,3 +736,14 @@ def test_how_near_to_its_goal_a_robot_was_before_it_was_carried_back_does_not_co
         nearest.append(policy.state.controls.nearest)
     assert nearest[1] < nearest[0] < 3.0 and 25.0 < nearest[3] <= nearest[2] < 30.0
     assert policy.state.controls.since == pytest.approx(0.3, abs=0.11)
+
+
+def test_fewer_ants_are_for_one_cycle_alone() -> None:
+    """A cycle that is shown ant by ant leaves the number of ants of the next ones as it was."""
+    policy, task = AntwayPolicy(), Task(ROOM, RobotSpec(), (1.0, 2.5), (9.0, 2.5))
+    policy.reset(task, seed=0)
+    assert policy.state is not None
+    before = policy.state.settings
+    policy.step_ants(2, lambda: policy.act(Observation(0.0, task.start, (0.0, 0.0), 0.0, Tracks.none())))
+    after = policy.state.settings
+    assert (after.expansions, after.improvement_expansions) == (before.expansions, before.improvement_expansions)

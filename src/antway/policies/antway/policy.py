@@ -440,7 +440,9 @@ class AntwayPolicy:
             idle = "No ants in this control cycle: no other plan can be better."
             if s.plan.state[NEXT_SEARCH] == due:
                 idle = f"No ants in this control cycle: all goes as foreseen. They look for a better plan from {due:.2f} s on."
-        return AntStep(idle, tested < budget or budget >= expansions, self.explain())
+        step, s = AntStep(idle, tested < budget or budget >= expansions, self.explain()), self._state
+        s.settings = s.settings._replace(expansions=expansions, improvement_expansions=improvement)
+        return step
 
     def trails(self) -> LaidTrails:
         """Return the pheromone on moves between places, its maximum over all times of arrival."""
