@@ -684,3 +684,66 @@ def test_a_robot_that_drives_when_its_path_is_cut_off_stops(name: str) -> None:
         assert policy.explain().action == "stuck"
         braked = max(speed - robot.braking * robot.dt, 0.0)
         x, speed = x + 0.5 * (speed + braked) * robot.dt, braked
+
+
+def closet(door: float) -> Grid:
+    """A hall of 8 x 4 m with a room in its upper right corner, which has a door below."""
+    blocked = np.zeros((80, 160), np.bool_)
+    blocked[44:46, 80:] = blocked[44:, 80:82] = True
+    blocked[44:46, 100 : 100 + round(door / 0.05)] = False
+    return Grid(blocked, 0.05)
+
+
+BOX = ((0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2))
+
+
+@pytest.mark.parametrize("footprint", [None, BOX])
+def test_a_robot_that_was_carried_into_a_room_leaves_it_by_a_narrow_door(
+    footprint: tuple[tuple[float, float], ...] | None,
+) -> None:
+    """Margins and discs are chosen anew where it is; it used to say that there is no path, and to stand for good."""
+    door = 0.45 if footprint is None else 0.5
+    wheels = {"a_max": 1.0, "drive": "differential", "turn_rate": 2.0, "alpha_max": 4.0, "v_reverse": 0.2}
+    robot, place = RobotSpec(radius=0.2, v_max=0.6, footprint=footprint, **wheels), (5.0 + 0.5 * door, 3.2)
+    policy, grid = AntwayPolicy(), closet(door)
+    policy.reset(Task(grid, robot, (1.0, 1.0), (7.0, 1.0)), seed=0)
+    policy.act(Observation(0.0, (1.0, 1.0), (0.0, 0.0), -1.57, Tracks.none()))
+    speeds = [policy.act(Observation(0.1 * k, place, (0.0, 0.0), -1.57, Tracks.none())).twist for k in range(1, 4)]
+    assert speeds[1] is not None and speeds[1][0] > 0.0 and policy.explain().action == "follow"
+
+
+def test_a_robot_that_is_cut_off_looks_for_a_path_once_at_each_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a room without a door it stands, and does not compute the same again in each cycle."""
+    asked, compute = [], AntwayPolicy._compute_anew
+    monkeypatch.setattr(AntwayPolicy, "_compute_anew", lambda self, *more: (asked.append(self._place), compute(self, *more))[1])
+    policy = AntwayPolicy()
+    policy.reset(Task(closet(0.0), RobotSpec(radius=0.2, a_max=1.0), (1.0, 1.0), (7.0, 1.0)), seed=0)
+    for k, place in enumerate([(1.0, 1.0), (5.0, 3.2), (5.0, 3.2), (5.1, 3.2), (6.0, 3.2), (6.0, 3.2)]):
+        command = policy.act(Observation(0.1 * k, place, (0.0, 0.0), 0.0, Tracks.none()))
+        assert (command.velocity == (0.0, 0.0)) == (k > 0)
+    assert asked == [(5.0, 3.2), (6.0, 3.2)] and policy.explain().action == "stuck"
+
+
+@pytest.mark.parametrize("learns", [True, False])
+def test_how_near_to_its_goal_a_robot_was_before_it_was_carried_back_does_not_count(learns: bool) -> None:
+    """Risks used to count less and less while it drove up to there again."""
+    policy, grid = AntwayPolicy(learns_response=learns), Grid(np.zeros((40, 300), np.bool_), 0.1)
+    policy.reset(Task(grid, load_robot("diff"), (27.0, 2.0), (29.0, 2.0)), seed=0)
+    assert policy.state is not None and policy.state.controls is not None
+    nearest = []
+    for k, x in enumerate((27.0, 27.3, 1.5, 1.6)):
+        policy.act(Observation(0.1 * k, (x, 2.0), (0.0, 0.0), 0.0, Tracks.none()))
+        nearest.append(policy.state.controls.nearest)
+    assert nearest[1] < nearest[0] < 3.0 and 25.0 < nearest[3] <= nearest[2] < 30.0
+    assert policy.state.controls.since == pytest.approx(0.3, abs=0.11)
+
+
+def test_fewer_ants_are_for_one_cycle_alone() -> None:
+    """A cycle that is shown ant by ant leaves the number of ants of the next ones as it was."""
+    policy, task = AntwayPolicy(), Task(ROOM, RobotSpec(), (1.0, 2.5), (9.0, 2.5))
+    policy.reset(task, seed=0)
+    assert policy.state is not None
+    before = policy.state.settings
+    policy.step_ants(2, lambda: policy.act(Observation(0.0, task.start, (0.0, 0.0), 0.0, Tracks.none())))
+    after = policy.state.settings
+    assert (after.expansions, after.improvement_expansions) == (before.expansions, before.improvement_expansions)

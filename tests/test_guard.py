@@ -26,6 +26,7 @@ from antway.kernels.base.geometry import segment_hits_cells, swept_discs
 from antway.kernels.base.records import RobotState
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, TABLE_COLUMNS, Rules, guarded, within_reach
+from antway.kernels.robot.motion import drive_cycle
 from antway.kernels.robot.reach import SPEED
 from antway.policies.guard import Guard, Guarded, check_observation
 from antway.world.terrain import terrain_of
@@ -418,3 +419,41 @@ def test_commands_of_other_numbers_are_passed_as_they_are(kind: type) -> None:
     guard.reset(task)
     command = guard.limit(Observation(0.0, (2.0, 4.0), (0.0, 0.0), 0.0, Tracks.none()), Command((kind(1), kind(0))))
     assert command.velocity == (1.0, 0.0) and guard.did == "free"
+
+
+@pytest.mark.parametrize(
+    ("kind", "mode"), [("holonomic", "strict"), ("differential", "strict"), ("differential", "least-harm")]
+)
+def test_who_is_seen_without_a_velocity_may_go_anywhere(kind: str, mode: str) -> None:
+    """A declared bound on its change says nothing of a velocity that is not known: the obstacle used to count as standing."""
+    wheels = {"drive": "differential", "a_max": 1.0, "turn_rate": 2.0, "alpha_max": 4.0} if kind == "differential" else {}
+    robot, moved = RobotSpec(radius=RADIUS, v_max=V_MAX, **wheels), 0
+    for x in np.arange(0.5, 3.0, 0.25).tolist():
+        guard, state = Guard(mode=mode), RobotState(x, 3.0, 0.0, 0.0, 0.0)
+        hall = Grid(np.zeros((60, 120), dtype=bool), 0.1)
+        guard.reset(Task(hall, robot, (x, 3.0), (11.0, 3.0), obstacle_speed=1.0, obstacle_swerve=0.5))
+        for i in range(50):
+            y = 0.6 + i * robot.dt  # it walks across at 1 m/s
+            tracks = Tracks(np.array([1]), np.array([(4.0, y)]), np.full((1, 2), math.nan), np.array([0.3]))
+            seen = Observation(i * robot.dt, (state.x, state.y), (state.a, 0.0), state.theta, tracks, turn_rate=0.0)
+            passed = guard.limit(seen, Command((V_MAX, 0.0), twist=(V_MAX, 0.0)))
+            state = drive_cycle(state, *passed.acts(seen, robot), robot.limits, robot.dt)
+            moves = math.hypot(state.a, state.b) > 1e-3
+            moved += moves
+            assert not moves or math.dist((state.x, state.y), (4.0, y + robot.dt)) > RADIUS + 0.3 - 1e-6, (x, i)
+    assert moved > 50
+
+
+@pytest.mark.parametrize("a_max", [math.inf, 1.0])
+def test_who_was_seen_in_cycles_without_a_command_is_remembered(a_max: float) -> None:
+    """He stands before the robot and is hidden when the policy commands again, within `hold`; also if it commanded NaN."""
+    one = Tracks(np.array([1]), np.array([(5.72, 3.0)]), np.zeros((1, 2)), np.array([0.3]))
+    for before in (Command((0.0, 0.0)), None, Command((math.nan, 0.0))):
+        guard = Guard(hold=0.5)
+        guard.reset(Task(Grid(np.zeros((60, 80), dtype=bool), 0.1), RobotSpec(radius=0.2, a_max=a_max), (5.0, 3.0), (7.0, 3.0)))
+        for i in range(6):
+            t, hidden = 0.1 * i, i == 5
+            seen = Observation(t, (5.0, 3.0), (0.0, 0.0), 0.0, Tracks.none() if hidden else one)
+            passed = guard.limit(seen, Command((0.8, 0.0)) if hidden else before)
+            assert guard.last_stamp == t
+        assert guard.did != "free" and passed.velocity[0] < 0.5

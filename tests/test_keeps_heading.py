@@ -10,8 +10,10 @@ import pytest
 
 from antway import Grid, Moves, Outcome, RobotSpec, Scenario, Task, World, check_episode, run
 from antway.kernels.robot.brake import fits_at
+from antway.policies.antway.detours import node_near
 from antway.policies.antway.nodes import contexts_for, is_turned
 from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.antway.state import contexts_from
 from antway.world.policy import Observation, Tracks
 from antway.world.robots import load_robot
 from antway.world.terrain import body_of, walls_of
@@ -146,3 +148,43 @@ def test_corners_of_walls_are_passed_or_the_robot_says_that_it_is_stuck(seed: in
     result = run(scenario, policy, seed=seed)
     check_episode(result)
     assert result.reached == reached and (policy.explain().action == "stuck") != reached
+
+
+def test_a_robot_that_is_turned_in_a_corridor_is_planned_for_where_it_is() -> None:
+    """It could not set out from the start in this heading, but goes on from here; it used to stand in the corridor for good."""
+    blocked = np.zeros((120, 200), np.bool_)
+    blocked[:30, 60:140] = blocked[45:80, 60:140] = True  # a corridor of 0.75 m, and a hall beside it
+    square = RobotSpec(v_max=0.8, a_max=1.0, footprint=((0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)))
+    policy, task = AntwayPolicy(), Task(Grid(blocked, 0.05), square, (1.2, 1.875), (9.0, 1.875))
+    policy.reset(task, seed=0)
+    policy.act(Observation(0.0, task.start, (0.0, 0.0), 0.0, Tracks.none()))
+    for k in range(1, 4):
+        policy.act(Observation(0.1 * k, (5.2, 1.875), (0.4, 0.0), 0.15, Tracks.none()))
+    assert policy.state is not None and policy._beside is None
+    context = policy.state.detours.contexts[-1]
+    assert context.field[node_near(context, (5.2, 1.875))] < 10.0
+
+
+def test_a_robot_beside_the_map_is_planned_for_from_its_start() -> None:
+    """So is one whose place is in a wall: from there no path can be looked for."""
+    task = Task(rooms(("x", 1.5, 2.4)), LONG, (2.0, 2.0), (10.0, 2.0))
+    expected = contexts_for(task, Moves.EIGHT, 0.0)[0][0].field
+    for place in (None, (-3.0, 2.0), (6.0, 7.0)):
+        assert (contexts_from(place, task, Moves.EIGHT, 0.0)[0][0].field == expected).all()
+
+
+def test_a_heading_that_is_new_while_the_robot_drives_is_planned_for_beside_the_cycles() -> None:
+    """Who takes over has not seen the heading yet, and used to plan for it within a cycle; who departs goes on with it."""
+    task = Task(rooms(("x", 1.5, 2.4)), LONG, (2.0, 2.0), (10.0, 2.0))
+    first, second = AntwayPolicy(), AntwayPolicy()
+    first.reset(task, seed=0)
+    first.act(Observation(0.0, task.start, (0.0, 0.0), 0.0, Tracks.none()))
+    assert first._beside is None and first._heading == 0.0
+    second.reset(task, seed=1)
+    second.take_over(first, 0.1)
+    second.act(Observation(0.1, task.start, (0.3, 0.0), 0.0, Tracks.none()))
+    assert second._beside is not None
+    second.depart(task, seed=2)
+    departed = second.state
+    second.act(Observation(0.2, task.start, (0.3, 0.0), 0.0, Tracks.none()))
+    assert second._beside is None and second.state is departed and second._heading == 0.0

@@ -343,7 +343,8 @@ def test_speeds_are_compared_with_places(drive: int) -> None:
         passed, sums, weight = np.diff(seen[:, T]), np.zeros(3), 0.0
         velocity = np.diff(seen[:, [X, Y]], axis=0) / passed[:, None]
         for k in range(1, n - 1):
-            middle = seen[k, HEADING] + 0.5 * math.remainder(seen[k + 1, HEADING] - seen[k, HEADING], math.tau)
+            turn = led[k].theta + math.remainder(seen[k + 1, HEADING] - seen[k, HEADING] - led[k].theta, math.tau)
+            middle = seen[k, HEADING] + 0.5 * turn
             axes = (
                 np.eye(2)
                 if holonomic
@@ -352,7 +353,10 @@ def test_speeds_are_compared_with_places(drive: int) -> None:
             here, between = axes @ velocity[k], np.linspace(seen[k, [A, B]], seen[k + 1, [A, B]], 20_001)
             ahead = np.array(led[k][:2]) / passed[k]
             if not holonomic:
-                between[:, 1], ahead = 0.0, np.array([math.copysign(math.hypot(*ahead), ahead[0]), 0.0])
+                between[:, 0] *= np.sinc(0.5 * turn / math.pi)  # a chord over its arc
+                half = 0.5 * led[k].theta
+                ahead = np.array([math.copysign(math.hypot(*ahead), ahead @ (math.cos(half), math.sin(half))), 0.0])
+                between[:, 1] = 0.0
             errors = [np.hypot(*(between - here).T).min(), math.dist(velocity[k], velocity[k - 1]), math.dist(here, ahead)]
             sums, weight = memory * sums + errors, memory * weight + 1.0
         assert np.allclose(odometry[:3], sums, atol=1e-3) and odometry[COMPARED] == pytest.approx(weight)
@@ -503,3 +507,62 @@ def test_what_is_computed_anew_keeps_the_distance_for_an_uncertain_place() -> No
     after = policy.state.controls
     assert after.margins == before.controls.margins and after.margins.margin > 0.08
     assert after.problem.weights.wall_margin == before.controls.problem.weights.wall_margin
+
+
+def test_a_departure_keeps_what_was_learnt() -> None:
+    """The robot that was found is planned for and guarded on the way to the next stop; both used to be as declared again."""
+    declared, grid = load_robot("diff"), Grid(np.zeros((40, 120), np.bool_), 0.1)
+    policy = AntwayPolicy()
+    policy.reset(Task(grid, declared, (1.0, 2.0), (6.0, 2.0)), 0)
+    seen = Tracks(np.array([7]), np.array([[9.0, 2.0]]), np.zeros((1, 2)), np.array([0.3]))
+    policy.act(Observation(0.0, (1.0, 2.0), (0.0, 0.0), 0.0, seen))
+    before = policy.state
+    assert before is not None and policy.guard is not None
+    drive(before.response, replace(declared, a_max=0.3), 60)
+    policy.depart(Task(grid, declared, (1.0, 2.0), (8.0, 2.0)), 1)
+    after = policy.state
+    assert after is not None and after is not before and after.controls is not None
+    assert after.response is before.response and after.response.robot.braking < 0.5 * declared.braking
+    assert after.task.robot == policy.guard.task.robot == after.response.robot and after.task.goal == (8.0, 2.0)
+    assert after.controls.problem.limits.brake_max == after.response.robot.braking
+    assert after.tracker is before.tracker and len(after.tracker.estimates) == 1 and after.yielding is not before.yielding
+    policy.reset(Task(grid, declared, (1.0, 2.0), (8.0, 2.0)), 1)
+    assert policy.state is not None and policy.state.task.robot == policy.guard.task.robot == declared
+    assert len(policy.state.tracker.estimates) == 0
+
+
+@pytest.mark.parametrize("guarded", [False, True])
+@pytest.mark.parametrize("name", ["diff", "inertia"])
+def test_commands_that_do_not_act_yet_survive_a_departure(name: str, guarded: bool) -> None:
+    """With latency, observations without `pending` get the same commands, also right after a departure amid the drive."""
+    robot = replace(load_robot(name), latency=0.4)
+    grid, given = Grid(np.zeros((40, 120), np.bool_), 0.1), []
+    for told in (True, False):
+        policy = Guarded(AntwayPolicy(guard=False)) if guarded else AntwayPolicy()
+        state, sent = RobotState(1.0, 2.0, 0.0, 0.0, 0.0), np.zeros((4, 2))
+        policy.reset(Task(grid, robot, (1.0, 2.0), (11.0, 2.0)), 0)
+        given.append([])
+        for k in range(30):
+            place, heading = (state.x, state.y), state.theta
+            if k == 20:
+                policy.depart(Task(grid, robot, place, (11.0, 1.0)), 1)
+            velocity = (state.a * math.cos(heading), state.a * math.sin(heading)) if robot.wheels else (state.a, state.b)
+            turn_rate = state.b if robot.wheels else 0.0
+            full = Observation(k * robot.dt, place, velocity, heading, NOBODY, turn_rate=turn_rate, pending=sent.copy())
+            acts = policy.act(full if told else replace(full, pending=None)).acts(full, robot)
+            given[-1].append(acts)
+            state = drive_cycle(state, *sent[0].tolist(), robot.limits, robot.dt)
+            sent = np.vstack((sent[1:], [acts]))
+    assert given[0] == given[1]
+
+
+@pytest.mark.parametrize("alpha_max", [8.0, math.inf])
+@pytest.mark.parametrize(("turn_rate", "dt"), [(4.0, 0.3), (4.0, 0.5), (2.0, 1.0), (3.0, 1.0), (4.0, 1.0), (6.3, 1.0)])
+def test_wheels_that_turn_far_in_a_long_period_are_where_they_are_predicted(
+    turn_rate: float, dt: float, alpha_max: float
+) -> None:
+    """Their place used to count as uncertain by up to 0.3 m, and their speeds as wrong: a chord is shorter than its arc."""
+    fast = RobotSpec(v_max=2.0, a_max=2.0, turn_rate=turn_rate, alpha_max=alpha_max, drive="differential", dt=dt)
+    response = Response(fast)
+    drive(response, fast, 60, top=(fast.v_max, fast.turn_rate))
+    assert response.robot is fast and str(response) == "" and response.spread == 0.0

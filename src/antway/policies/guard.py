@@ -141,10 +141,10 @@ class Guard:
     The mode "strict" guarantees passive safety: there is no contact while the robot moves. It assumes that obstacles are seen
     early enough and stay within the declared bounds on their speed, its growth and the change of their velocity
     (`Task.obstacle_speed`, `obstacle_surge`, `obstacle_swerve`). The bound on the change of velocity does not apply where a
-    wall may reflect an obstacle, or while it is not seen, or not exactly; it is infinite unless declared. Obstacles may still
-    run into a robot that has stopped. Observations raise a track's bounds on its speed and on the growth of that at once, and
-    the speed bound of all tracks slowly. "least-harm" guarantees nothing, but has fewer contacts in total among people
-    (docs/people.md).
+    wall may reflect an obstacle, or while it is not seen, or not exactly, or without a velocity; it is infinite unless
+    declared. Obstacles may still run into a robot that has stopped. Observations raise a track's bounds on its speed and on the
+    growth of that at once, and the speed bound of all tracks slowly. "least-harm" guarantees nothing, but has fewer contacts in
+    total among people (docs/people.md).
     """
 
     def __init__(self, *, timeout: float = 0.5, hold: float = 0.5, lookahead: float = 1.5, mode: str = "strict") -> None:
@@ -158,6 +158,7 @@ class Guard:
         self.bounds = np.array([task.obstacle_speed, task.obstacle_surge, math.inf, 0.0, 0.0, 0.0])
         self.table, self.count = np.zeros((_TRACKS, kernel.TABLE_COLUMNS)), 0
         self.tracks, self.spread = np.empty((_TRACKS, COLUMNS)), np.zeros(_TRACKS)
+        self.seen = np.zeros(0, np.bool_)  # which tracks are seen now with a velocity
         self.last_stamp = -math.inf
         self.did = self.why = ""
         self.dynamic: _Dynamic | None = None
@@ -204,17 +205,17 @@ class Guard:
             self.why = f"the guard brakes until {self.last_stamp:.1f} s, because the clock went back"
         elif not -_EARLY <= o.t - stamp <= self.timeout:
             self.why = "the guard brakes, because there is no scan of now"
+        else:  # what is in sight is remembered, even if there is no command
+            self.last_stamp, tracks = stamp, self._within_reach(o, stamp)
         acts = () if command is None else command.velocity if robot.wheels and self.dynamic is None else command.acts(o, robot)
         if self.why or command is None or not all(map(math.isfinite, acts)):
             self.did = DID[kernel.BRAKED]
             return _STOP if self.dynamic is None else self.dynamic.stop(o)
-        self.last_stamp = stamp
-        tracks = self._within_reach(o, stamp)
         if self.dynamic is not None:
             asked = np.array([acts], np.float64)
             if others is not None:
                 asked = np.vstack((asked, others))
-            passed, did = self.dynamic.passed(o, asked, tracks, self.lookahead)
+            passed, did = self.dynamic.passed(o, asked, tracks, self.seen, self.lookahead)
             self.did = DID[did]
             return passed
         state = RobotState(*o.xy, o.heading, *o.velocity)
@@ -243,19 +244,21 @@ class Guard:
         n = self.count = kernel.within_reach(
             self.table, self.count, o.t, stamp, self.hold, *scan, self.spread, self.bounds, self.tracks
         )
+        # Whose velocity is not known may go anywhere, as may an obstacle that is not seen now.
+        self.seen = (self.tracks[:n, AGE] < _NOW) & (self.table[:n, kernel.TRACK_SPEED] >= 0.0)
         swerve = self.task.obstacle_swerve
         if self.walls is None or t.covariance is not None or swerve == math.inf:
             return self.tracks[:n]
         rows = np.empty((2 * n, COLUMNS))
         rows[:n] = self.tracks[:n]
-        return rows[: _bounded(rows, n, rows[:n, AGE] < _NOW, swerve, self.walls, stopping)]
+        return rows[: _bounded(rows, n, self.seen, swerve, self.walls, stopping)]
 
 
 def _bounded(rows: NDArray[np.float64], n: int, seen: NDArray[np.bool_], swerve: float, walls: Walls, stopping: float) -> int:
-    """Bound the changes of velocity of those of `n` rows that are `seen` now; return the new number of rows.
+    """Bound the changes of velocity of those of `n` rows that are `seen` now with a velocity; return the new number of rows.
 
-    An obstacle that could meet a wall within `stopping` s gets a second row for the time after that. An obstacle that is not
-    seen now may go anywhere with its speed.
+    An obstacle that could meet a wall within `stopping` s gets a second row for the time after that. Any other obstacle may go
+    anywhere with its speed.
     """
     rows[:n, ACCEL] = np.where(seen, swerve, math.inf)
     return split_at_walls(rows, n, walls, stopping)
@@ -281,9 +284,17 @@ class _Dynamic:
         self.aside = robot.latency + aside + 2.0 * math.sqrt(2.0 * robot.radius / robot.a_max)
 
     def passed(
-        self, o: Observation, asked: NDArray[np.float64], tracks: NDArray[np.float64], lookahead: float
+        self,
+        o: Observation,
+        asked: NDArray[np.float64],
+        tracks: NDArray[np.float64],
+        seen: NDArray[np.bool_],
+        lookahead: float,
     ) -> tuple[Command, int]:
-        """Return the first of the given commands that passes, or another one, and what was done."""
+        """Return the first of the given commands that passes, or another one, and what was done.
+
+        `seen` tells of each track whether it is seen now with a velocity, whose changes are bounded.
+        """
         if 2 * len(tracks) > len(self.rows):
             self.rows = np.empty((4 * len(tracks), COLUMNS))
             self.record = self.record._replace(rows=np.empty((4 * len(tracks), COLUMNS)))
@@ -293,7 +304,7 @@ class _Dynamic:
         rows[:n, RADIUS] += tracks[:, SPEED] * tracks[:, AGE]
         rows[:n, ACCEL], rows[:n, AGE] = math.inf, 0.0
         if o.tracks.covariance is None and self.swerve < math.inf:
-            n = _bounded(rows, n, tracks[:, AGE] < _NOW, self.swerve, self.record.walls, self.stopping(o))
+            n = _bounded(rows, n, seen, self.swerve, self.record.walls, self.stopping(o))
         state = self.state_at_action(o)
         one, two, did = call(passed_among, state, asked, rows[:n], self.record, lookahead + self.aside)
         return self._command(o, one, two), did
@@ -366,9 +377,9 @@ class Guarded:
         self.policy.reset(task, seed)
 
     def depart(self, task: Task, seed: int) -> None:
-        """Reset the policy for another task of the same robot, which may drive. The guard keeps its stop and its tracks."""
+        """Let the policy depart, or reset it, for another task of the same robot. The guard keeps its stop and its tracks."""
         self.guard.set_robot(task)
-        self.policy.reset(task, seed)
+        getattr(self.policy, "depart", self.policy.reset)(task, seed)
 
     def act(self, observation: Observation) -> Command:
         """Return the policy's command as the guard passes it.

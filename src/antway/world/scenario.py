@@ -281,8 +281,7 @@ def save_scenario(scenario: Scenario, path: str | Path) -> None:
         map_path = file.with_name(f"{file.stem}_map.yaml")
         if not _holds(map_path, scenario.world.grid):
             save_map(scenario.world.grid, map_path)
-        shown = "top_first = true
-" if scenario.world.grid.top_first else ""  # which a ROS map does not store
+        shown = "top_first = true\n" if scenario.world.grid.top_first else ""  # which a ROS map does not store
         file.write_text(shown + to_toml(replace(scenario, map=map_path.name)), encoding="utf-8")
 
 

@@ -23,7 +23,7 @@ _LEARNS = 0.01  # 1; share by which, in each control cycle, the learnt speed bou
 # Columns of the table of recent tracks. _SEEN is a time in s; _SPEED is -1 if unknown. The next three are the largest values
 # observed: the speed, its growth, and the change of the velocity. _ERROR is that of the latest speed, m/s.
 _ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED, _FASTEST, _GROWTH, _CHANGE, _ERROR = range(12)
-TABLE_COLUMNS = 12
+TABLE_COLUMNS, TRACK_SPEED = 12, _SPEED
 
 # Entries of the bounds on obstacles: the speed in m/s; the growth of the speed and the change of the velocity vector in m/s^2;
 # a speed in m/s learnt from all obstacles, which any of them may have; the time in s after which the robot stands; and whether

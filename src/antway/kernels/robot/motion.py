@@ -19,6 +19,7 @@ from antway.kernels.base.records import ACKERMANN, HOLONOMIC, RobotLimits, Robot
 
 REST = 1e-9  # m/s; a slower robot is at rest
 _TURN = 0.8  # rad; largest turn of a part on which four nodes give the place to 1e-10 of its length
+_ROUGHLY = 1.0  # rad; on longer turns `along_roughly` is wrong by more than half a thousandth of the path
 _EVEN = 1e-9  # m^2/s^2; a ramp at a right angle to the command counts as braking in spite of rounding errors
 _AT_END = 1e-12  # s; a speed that becomes 0 this near to the end of a command does not change sign before it
 _SAME = 1e-290  # m/s; velocities that differ by less are the same: an acceleration divided by this would overflow
@@ -221,10 +222,10 @@ def drive_cycle(state: RobotState, ca: float, cb: float, limits: RobotLimits, dt
 
 @bare_kernel
 def drive_roughly(state: RobotState, ca: float, cb: float, limits: RobotLimits, dt: float) -> RobotState:
-    """Do as `drive_cycle`, within 1e-6 m for a cycle of 0.1 s: for rollouts."""
+    """Do as `drive_cycle`, within 1e-6 m for a cycle of 0.1 s; exactly where wheels could turn far meanwhile."""
     if limits.drive == HOLONOMIC:
         return holonomic_cycle(state, ca, cb, limits, dt)
-    return wheels_cycle(state, ca, cb, limits, dt, True)
+    return wheels_cycle(state, ca, cb, limits, dt, limits.turn_rate * dt <= _ROUGHLY)
 
 
 @bare_kernel

@@ -22,13 +22,18 @@ ODOMETRY = 8  # entries of `odometry`
 @bare_kernel
 def chord(state: RobotState) -> float:
     """Return how far wheels that began at (0, 0) with the heading 0 are from there, m; negative in reverse."""
-    return math.copysign(math.hypot(state.x, state.y), state.x)
+    half = 0.5 * state.theta
+    return math.copysign(math.hypot(state.x, state.y), state.x * math.cos(half) + state.y * math.sin(half))
 
 
 @bare_kernel
-def middle_heading(before: Floats, now: Floats) -> float:
-    """Return the heading half way between two observations, rad, which is that of the chord of an arc."""
-    return float(before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING]))
+def middle_heading(before: Floats, now: Floats, predicted: float) -> float:
+    """Return the heading half way between two observations, rad, which is that of the chord of an arc.
+
+    Headings tell a turn up to whole turns; it is the one that is nearest to the turn `predicted`, rad.
+    """
+    turn = wrap(now[HEADING] - before[HEADING])
+    return float(before[HEADING] + 0.5 * turn + math.pi * round((predicted - turn) / (2.0 * math.pi)))
 
 
 @bare_kernel
@@ -38,11 +43,12 @@ def compare_speeds(
     """Add the errors of measured speeds, of the velocity between the two places before, and of the speeds that are predicted.
 
     Each is compared with the velocity between the last two places, from the observation `before` to that of `now`. Measured
-    speeds have no error if it lies between those before and now. `predicted` is where the robot as it is declared would be now
-    if it was at (0, 0), with the heading 0, before, and had always followed its commands. `memory` is the share in (0, 1] of
-    the earlier errors that is kept, and `odometry` what is known of the errors: zeros at first, and no number for LAST_X.
+    speeds have no error if it lies between those before and now, as far as these lead along the chord of an arc. `predicted` is
+    where the robot as it is declared would be now if it was at (0, 0), with the heading 0, before, and had always followed its
+    commands. `memory` is the share in (0, 1] of the earlier errors that is kept, and `odometry` what is known of the errors:
+    zeros at first, and no number for LAST_X.
     """
-    passed, heading = now[T] - before[T], 0.0 if holonomic else middle_heading(before, now)
+    passed, heading = now[T] - before[T], 0.0 if holonomic else middle_heading(before, now, predicted.theta)
     c, s = math.cos(heading), math.sin(heading)
     vx, vy = (now[X] - before[X]) / passed, (now[Y] - before[Y]) / passed
     ahead, left = c * vx + s * vy, c * vy - s * vx
@@ -50,6 +56,9 @@ def compare_speeds(
     led_a, led_b = predicted.x / passed, predicted.y / passed
     if not holonomic:
         b, more_b, led_a, led_b = 0.0, 0.0, chord(predicted) / passed, 0.0
+        half = heading - before[HEADING]
+        shorter = math.sin(half) / half if half != 0.0 else 1.0  # a chord than its arc
+        a, more_a = a * shorter, more_a * shorter
     more = more_a * more_a + more_b * more_b
     part = min(max(((ahead - a) * more_a + (left - b) * more_b) / more, 0.0), 1.0) if more > 0.0 else 0.0
     if not math.isnan(odometry[LAST_X]):

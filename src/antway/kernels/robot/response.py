@@ -64,7 +64,7 @@ def learn_place(before: Floats, now: Floats, predicted: RobotState, holonomic: b
     if holonomic:
         led_x, led_y = predicted.x + more_a, predicted.y + more_b
     else:  # ramps of fast wheels lead some millimetres to the side of the middle heading
-        half, middle = 0.5 * predicted.theta, middle_heading(before, now)
+        half, middle = 0.5 * predicted.theta, middle_heading(before, now, predicted.theta)
         ahead = predicted.x * math.cos(half) + predicted.y * math.sin(half) + more_a
         left = predicted.y * math.cos(half) - predicted.x * math.sin(half)
         led_x = ahead * math.cos(middle) - left * math.sin(middle)

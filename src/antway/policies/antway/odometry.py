@@ -70,7 +70,7 @@ class OdometryCheck:
         passed, dx, dy = now[T] - before[T], now[X] - before[X], now[Y] - before[Y]
         predicted = answered(RobotState(0.0, 0.0, 0.0, before[A], before[B]), period, limits)
         if self.wheels:
-            middle = kernel.middle_heading(before, now)
+            middle = kernel.middle_heading(before, now, predicted.theta)
             ahead = dx * math.cos(middle) + dy * math.sin(middle)
             now[A] = predicted.a + (ahead - kernel.chord(predicted)) / passed
         else:

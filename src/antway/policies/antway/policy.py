@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadParameter, CellBlocked
+from antway.errors import BadParameter
 from antway.grid import Grid, Moves
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import CONTACT_RADIUS
@@ -30,7 +30,7 @@ from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain_cycle
-from antway.policies.antway.nodes import contexts_for, is_turned, on_cells, with_fine_cells
+from antway.policies.antway.nodes import is_turned, on_cells, with_fine_cells
 from antway.policies.antway.rehearsal import rehearse
 from antway.policies.antway.response import Response, tops
 from antway.policies.antway.settings import make_settings
@@ -134,6 +134,8 @@ class AntwayPolicy:
         self._in_common = False
         self._departs = False  # whether the next `reset` is a departure amid a drive
         self._heading = math.nan  # rad; heading of a robot that cannot turn; NaN for one that can, and before the first cycle
+        self._place: XY | None = None  # m; of the last observation; None before the first cycle
+        self._cut_off_at = (0.0, 0.0)  # m; from where a path to the goal was looked for last: at first, the start
         self._beside: Beside[State | Counted] | None = None
         self._outdated = False  # whether the state is to be computed anew, once what is computed beside is done
 
@@ -155,17 +157,20 @@ class AntwayPolicy:
         OutOfBounds, CellBlocked
             If the robot does not fit at the start or at the goal.
         """
-        departs, self._departs = self._departs, False
+        old, self._departs = self.state if self._departs else None, False
         rehearse(AntwayPolicy, task.robot, mode=self.mode, guard=self.guard is not None, controls=self.controls)
-        self._heading, self._beside, self._outdated = math.nan, None, False
-        self.state = self._made(task, seed, Response(task.robot), self._heading)
-        if self.guard and departs:
-            self.guard.set_robot(task)
-        elif self.guard:
-            self.guard.reset(task)
+        self._beside, self._outdated, self._cut_off_at = None, False, task.start
+        if old is not None:
+            task = replace(task, robot=old.response.robot)
+            self.state = states.taken_over(self._made(task, seed, old.response, self._heading), old)
+        else:
+            self._heading, self._place = math.nan, None
+            self.state = self._made(task, seed, Response(task.robot), self._heading)
+        if self.guard is not None:
+            (self.guard.reset if old is None else self.guard.set_robot)(task)
 
     def depart(self, task: Task, seed: int) -> None:
-        """Do as `reset` for another task of the same robot, which may drive: the guard keeps its stop and what it has seen."""
+        """Do as `reset` for another task of the same robot, which may drive: what was learnt, seen and certified is kept."""
         self._departs = True
         self.reset(task, seed)  # which a subclass may have extended
 
@@ -178,21 +183,14 @@ class AntwayPolicy:
 
     def take_over(self, other: AntwayPolicy, t: float) -> None:
         """Go on at `t` s where `other` drives the same robot, with all that it knows and its guard, for the task of `reset`."""
-        new, old, self.guard = self._state, other._state, other.guard
-        own = {name: getattr(new, name) for name in ("surroundings", "terrain", "yielding")}
-        self.state = replace(states.carried_on(new, old), response=old.response, **own)
+        self.state, self.guard, self._place = states.taken_over(self._state, other._state), other.guard, other._place
         self._suit_response(t)
 
     def _made(self, task: Task, seed: int, response: Response, heading: float, place: XY | None = None) -> State:
         """Return the state of an episode at its start, or of one that goes on with the robot at `place`, m."""
         robot, controls, horizon, tracker = task.robot, None, 0.0, Tracker(self.mode == "strict")
         fine = task if robot.stepwise else with_fine_cells(task)
-        try:
-            (context, kept), narrow = contexts_for(replace(fine, start=place or fine.start), self.moves, heading)
-        except CellBlocked:
-            if place is None:
-                raise
-            (context, kept), narrow = contexts_for(fine, self.moves, heading)
+        (context, kept), narrow = states.contexts_from(place, fine, self.moves, heading)
         context, radius = (narrow[0], narrow[0].radius) if narrow else (context, robot.radius)
         settings = make_settings(self, task, radius)
         paces = states.full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
@@ -224,10 +222,11 @@ class AntwayPolicy:
             detours=Detours(self.moves, (context,) if controls is None else (context, kept), narrow, horizon),
         )
 
-    def _compute_anew(self, t: float, task: Task, at_once: int | None = None, place: XY | None = None) -> None:
-        """Go on with another task, or another robot or heading."""
+    def _compute_anew(self, t: float, task: Task, at_once: int | None = None) -> None:
+        """Go on with another task, or another robot, heading or place."""
         self._outdated = False
-        self._compute(t, partial(self._made, task, self._state.seed, self._state.response, self._heading, place), at_once)
+        work = partial(self._made, task, self._state.seed, self._state.response, self._heading, self._place)
+        self._compute(t, work, at_once)
 
     def _compute(self, t: float, work: Callable[[], State | Counted], at_once: int | None = None) -> None:
         """Compute another state, or other times to the goal, beside the control cycles where the map is large."""
@@ -261,13 +260,12 @@ class AntwayPolicy:
         BadParameter
             For an observation that is not finite.
         """
-        as_sensed = self._learn_response(check_observation(observation))
+        observation = check_observation(observation)
+        self._place = observation.xy
+        as_sensed = self._learn_response(observation)
         self._adopt(observation.t)
+        self._suit_place(observation)
         s = self._state
-        if self._beside is None and is_turned(s.task.robot, self._heading, observation.heading):
-            first, self._heading = math.isnan(self._heading), observation.heading
-            self._compute_anew(observation.t, s.task, None if first else 0)  # later the robot drives, and has no time
-            s = self._state
         doubted = s.tracker.doubts_velocities
         observation = s.tracker.corrected(as_sensed)
         if s.tracker.doubts_velocities != doubted:  # predictions were from other velocities
@@ -321,6 +319,18 @@ class AntwayPolicy:
             self.guard.set_robot(task, s.surroundings)
         s.task, s.decision, s.until = task, None, -math.inf
 
+    def _suit_place(self, o: Observation) -> None:
+        """Plan anew for a robot that was turned, or that has no path from where it is now, once for each place."""
+        s, moved = self._state, math.dist(o.xy, self._cut_off_at) > self._state.task.robot.radius
+        if self._beside is not None:
+            return
+        if is_turned(s.task.robot, self._heading, o.heading):
+            first, self._heading = math.isnan(self._heading), o.heading
+            self._compute_anew(o.t, s.task, None if first and not any(o.velocity) else 0)  # one that drives has no time
+        elif moved and s.plan.state[KNOT_COUNT] == 0 and states.is_cut_off(s, o):
+            self._cut_off_at = o.xy
+            self._compute_anew(o.t, s.task)  # margins and nodes are chosen by the path from a place
+
     def sent(self, observation: Observation, command: Command) -> None:
         """Take note of the command that was sent in place of the one returned for an observation."""
         self._state.response.record(observation, command)
@@ -334,7 +344,7 @@ class AntwayPolicy:
         if busy:
             return
         if (task := s.yielding.next_task(s.task, s.detours, t, o.xy)) is not s.task:
-            self._compute_anew(o.t, task, place=o.xy)
+            self._compute_anew(o.t, task)
         elif counted is not None:
             self._compute(o.t, partial(states.other_times, s, counted))
 
@@ -351,7 +361,7 @@ class AntwayPolicy:
         delay, acting_at, robot = acting(o, s.task.robot)
         self._plan(acting_at, o.t - o.sensed_at + delay)
         n, m, estimates = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), s.tracker.estimates
-        if n == 0 and s.detours.is_cut_off(o.xy, s.settings.colony.leg_cells):
+        if n == 0 and states.is_cut_off(s, o):
             return s.controls.stand(), KEPT  # all rollouts are as bad as any other
         turns, doubt = s.tracker.turns, distrust(s.crowd.pool, s.crowd.missed)
         sigma = s.controls.deviations(estimates, s.crowd.velocity_error[: len(estimates)], doubt, turns)
@@ -430,7 +440,9 @@ class AntwayPolicy:
             idle = "No ants in this control cycle: no other plan can be better."
             if s.plan.state[NEXT_SEARCH] == due:
                 idle = f"No ants in this control cycle: all goes as foreseen. They look for a better plan from {due:.2f} s on."
-        return AntStep(idle, tested < budget or budget >= expansions, self.explain())
+        step, s = AntStep(idle, tested < budget or budget >= expansions, self.explain()), self._state
+        s.settings = s.settings._replace(expansions=expansions, improvement_expansions=improvement)
+        return step
 
     def trails(self) -> LaidTrails:
         """Return the pheromone on moves between places, its maximum over all times of arrival."""

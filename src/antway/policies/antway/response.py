@@ -29,7 +29,7 @@ _LEAST_SPREAD = 0.002  # m; a smaller uncertainty of the robot's place does not 
 _SHOWN = 0.01  # m; from this uncertainty on, explanations tell it
 _AT_ONCE = 8.0  # m/s^2; stands for an infinite acceleration where the robot's place is not known exactly
 _MORE = 0.05  # 1; a robot that stays at a speed though it was asked for this much more, as such a share, cannot go faster
-_CARRIED = 1.0  # m; a robot that is by so much more away from its last place than it can drive was carried or found anew
+CARRIED = 1.0  # m; a robot that is by so much more away from its last place than it can drive was carried or found anew
 _STILL = 0.1  # 1; a robot that measures no speed and moves by less than this share of what was commanded stands
 _KINDS = np.arange(3)  # of errors: GROWS, SLOWS and TURNS
 
@@ -76,7 +76,7 @@ class Response:
             self._take_pending(o)
             return False
         self._take_pending(o)
-        if math.dist(o.xy, before[X : Y + 1]) > _CARRIED + self.declared.v_max * self.declared.dt:
+        if math.dist(o.xy, before[X : Y + 1]) > CARRIED + self.declared.v_max * self.declared.dt:
             self.odometry.pause()
             self.place[:], self.spread = 0.0, 0.0  # the new place is as certain as the first one
             return False

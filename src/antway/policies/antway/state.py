@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.grid import Grid
+from antway.errors import CellBlocked, OutOfBounds
+from antway.grid import Grid, Moves
 from antway.kernels.base.jit import call
 from antway.kernels.base.records import Terrain
 from antway.kernels.controls.problem import StaticField
@@ -24,12 +26,13 @@ from antway.kernels.tracking.table import make_table
 from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.detours import Detours, Times
+from antway.policies.antway.nodes import ContextPair, contexts_for
 from antway.policies.antway.response import Response
 from antway.policies.antway.tracker import MOST_ROWS, Tracker
 from antway.policies.antway.yielding import Dance, Yielding
 from antway.policies.guard import relative_swerve
 from antway.world.ants import LaidTrails
-from antway.world.policy import Decision, Observation, RobotSpec, Task
+from antway.world.policy import XY, Decision, Observation, RobotSpec, Task
 from antway.world.rollouts import with_times
 
 _BRAKES = 0.5  # s; with tracks in sight, a robot that follows the plan drives no faster than it can brake from in this time
@@ -176,6 +179,25 @@ def carried_on(new: State, old: State) -> State:
         name: getattr(old, name) for name in ("surroundings", "terrain", "plan", "crowd", "tracker", "started", "yielding")
     }
     return replace(new, settings=settings, **known)
+
+
+def contexts_from(place: XY | None, task: Task, moves: Moves, heading: float) -> tuple[ContextPair, ContextPair | None]:
+    """Return `contexts_for` of a robot at `place`, m, or at the start of the task if that is None or it does not fit there."""
+    if place is not None:
+        with suppress(CellBlocked, OutOfBounds):
+            return contexts_for(replace(task, start=place), moves, heading)
+    return contexts_for(task, moves, heading)
+
+
+def is_cut_off(s: State, o: Observation) -> bool:
+    """Tell whether the map has no path to the goal from where the robot is, or from nearby."""
+    return s.detours.is_cut_off(o.xy, s.settings.colony.leg_cells)
+
+
+def taken_over(new: State, old: State) -> State:
+    """Return the state `new` for another task of the robot, with what is known of it and of obstacles in `old`."""
+    own = {name: getattr(new, name) for name in ("surroundings", "terrain", "yielding")}
+    return replace(carried_on(new, old), response=old.response, **own)
 
 
 def laid_trails(trails: Trails, context: PlanningContext) -> LaidTrails:
