@@ -92,7 +92,7 @@ def test_the_oracle_is_a_bound():
     for episode in episodes("synthetic", cases(1, 20)):
         scenario, known = stage(episode)
         best = run(scenario, "oracle", seed=episode.seed)
-        # Chords of a control period may cut the corners of the path of the optimum, by some milliseconds.
+        # In the last period the oracle drives straight to the goal, and may be within its tolerance some milliseconds sooner.
         assert best.reached and best.time >= 0.999 * known.bound, episode.name
         other = run(scenario, "sipp", seed=episode.seed)
         assert not other.reached or other.time > 0.9 * known.bound

@@ -20,7 +20,7 @@ from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
 
 MARGINS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # margins tried, in units of the deviation from a plan between two commands
-NEAR = 2.0  # m; from within this distance a path may go straight into the goal's tolerance
+NEAR = 2.0  # m; from within this distance a path that waits may go straight into the goal's tolerance
 GRAZE = 1e-6  # m; allowance for rounding of touches and arrivals
 
 
@@ -93,8 +93,8 @@ class Oracle:
 def paths_to_goal(task: Task, timeline: Timeline | None, t: float = 0.0, horizon: float = math.inf) -> list[TimedPath]:
     """Return paths from `t` s on, that which arrives first in front.
 
-    They lead to the goal's cell and to the first cell within the tolerance, if there is any, or leave these paths near the goal
-    for a straight way into the tolerance, where that is sooner. Without a timeline nothing moves.
+    They lead to the goal's cell and to the first cell within the tolerance, if there is any; where they would wait near the
+    goal, they go straight into the tolerance if that is free. Without a timeline nothing moves.
     """
     robot, tolerance = task.robot, task.goal_tolerance
     searches = [Sipp(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)]
@@ -107,22 +107,23 @@ def paths_to_goal(task: Task, timeline: Timeline | None, t: float = 0.0, horizon
 
 
 def _straight_in(path: TimedPath, task: Task, timeline: Timeline) -> TimedPath:
-    """Return the path, or one that leaves it for a straight way into the goal's tolerance, where that is free and sooner."""
-    best, least, goal, dt = path, arrival_time(path, task), np.asarray(task.goal), task.robot.dt
-    if not len(path.t):
-        return path
-    for t in np.union1d(path.t, np.arange(path.t[0], path.t[-1], dt)):
-        xy = np.asarray(path.at(float(t)))
-        away = math.dist(xy, goal)
-        length = away - task.goal_tolerance + GRAZE  # a little inside
-        end = t + length / task.robot.v_max
-        if not task.goal_tolerance < away < NEAR or end >= least:
+    """Return the path or, where it waits near the goal, one that goes straight into the tolerance as soon as that is free."""
+    best, least, goal, radius = path, arrival_time(path, task), np.asarray(task.goal), task.robot.radius - GRAZE
+    for i in range(len(path.t) - 1):
+        xy, away = path.xy[i], math.dist(path.xy[i], goal)
+        if not task.goal_tolerance < away < NEAR or (path.xy[i + 1] != xy).any():
             continue
-        times, places = np.array([t, end]), np.vstack((xy, xy + (goal - xy) * (length / away)))
-        radius = task.robot.radius - GRAZE  # paths touch obstacles, but for rounding
-        if first_contact(times, places, radius, terrain_of(task.grid), timeline.trajectories) == math.inf:
-            before = path.t < t
-            best, least = TimedPath(np.append(path.t[before], times), np.vstack((path.xy[before], places))), end
+        length = away - task.goal_tolerance + GRAZE  # a little inside
+        for t in np.arange(path.t[i], path.t[i + 1], task.robot.dt):
+            end = t + length / task.robot.v_max
+            times, places = np.array([t, end]), np.vstack((xy, xy + (goal - xy) * (length / away)))
+            if end < least and first_contact(times, places, radius, terrain_of(task.grid), timeline.trajectories) == math.inf:
+                last = slice(int(t == path.t[i]), 2)
+                best, least = (
+                    TimedPath(np.append(path.t[: i + 1], times[last]), np.vstack((path.xy[: i + 1], places[last]))),
+                    end,
+                )
+                break
     return best
 
 
