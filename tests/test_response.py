@@ -399,7 +399,7 @@ def test_speeds_that_fit_places_are_believed() -> None:
 @pytest.mark.parametrize(
     ("robot", "change", "hardest"),
     [
-        ("diff", "latency 0.2", [("clutter", 2), ("aisles", 0), ("aisles", 4)]),
+        ("diff", "latency 0.2", [("clutter", 1), ("clutter", 3), ("aisles", 2)]),
         ("diff", "slow turns", [("clutter", 2), ("aisles", 2), ("aisles", 5)]),
         ("holonomic", "latency 0.1", [("clutter", 0), ("clutter", 4), ("aisles", 0)]),
         ("holonomic", "weak", [("clutter", 1), ("clutter", 2), ("aisles", 2)]),
