@@ -45,3 +45,32 @@ def test_no_path_within_the_tolerance_is_sooner_than_the_optimum() -> None:
         episode = SuiteEpisode("synthetic", "synthetic", group, number)
         assert facts(build(episode), episode.seed).bound < most
     assert math.isfinite(most)
+
+
+def test_the_oracle_passes_who_stands_for_good() -> None:
+    """The last known motion of somebody who stands, or who stops after two seconds, is long over when the robot comes."""
+    grid = Grid(np.zeros((30, 50), bool), 0.2)
+    for motion in (Line((5.0, 3.1), (5.0, 3.1), 0.0), Line((5.0, 5.1), (5.0, 3.1), 1.0)):
+        scenario = Scenario(World(grid, (Obstacle(0.4, motion),)), (1.1, 3.1), (8.1, 3.1), robot=RobotSpec(), horizon=30.0)
+        result = run(scenario, "oracle", seed=1)
+        assert result.reached and result.time == pytest.approx(facts(scenario, 1).bound, abs=0.05)
+
+
+def test_plain_search_ends_within_the_tolerance_too() -> None:
+    """A baseline is given what the optimum and `antway` are given."""
+    scenario = _scenario(0.1, 0.0, 0.48)
+    result = run(scenario, "sipp/predictions=mirrored", seed=1)
+    assert result.reached and result.time < 7.0
+
+
+def test_the_straight_path_is_kept() -> None:
+    """While somebody comes from behind in a corridor, and another one stands behind the goal, the robot does not stop and go."""
+    blocked = np.zeros((30, 80), bool)
+    blocked[:11], blocked[19:] = True, True
+    for gap in (0.5, 1.2, 2.2):
+        behind, goal = Line((6.0 - 2.2 - 0.6 - gap, 1.5), (6.5, 1.5), 0.5), (6.0, 1.5)
+        obstacles = Obstacle(0.3, Line((6.56, 1.5), (6.56, 1.5), 0.0)), Obstacle(0.3, behind)
+        scenario = Scenario(World(Grid(blocked, 0.1), obstacles), (3.8, 1.5), goal, robot=RobotSpec(), horizon=20.0)
+        result = run(scenario, "antway", seed=1)
+        moves = np.hypot(*result.trace.velocity[1:-1].T) > 0.01
+        assert result.reached and (np.diff(moves.astype(int)) < 0).sum() <= 1, gap

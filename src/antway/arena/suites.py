@@ -15,7 +15,8 @@ import numpy as np
 import scipy
 
 from antway import checks
-from antway.baselines.oracle import arrival_time, paths_to_goal
+from antway.baselines.oracle import paths_to_goal
+from antway.baselines.replan import arrival_time
 from antway.errors import BadParameter, CellBlocked
 from antway.kernels.base.rng import below, make_state, uniform
 from antway.kernels.baselines.oracle import first_contact

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from antway.baselines.replan import drive
-from antway.errors import CellBlocked
+from antway.baselines.replan import arrival_time, drive, searches_for
 from antway.kernels.base.records import Trajectories
 from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
-from antway.search.sipp import Sipp
-from antway.world.line_of_sight import goal_of_cells
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
 from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
 
 MARGINS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # margins tried, in units of the deviation from a plan between two commands
-NEAR = 2.0  # m; from within this distance a path that waits may go straight into the goal's tolerance
+NEAR = 2.0  # m; nearer to the goal's tolerance than this, a path that waits may go straight into it
+LATER = 600.0  # s; a goal that is taken so long after the last known motion counts as free then, and the path waits beside it
+MOST = 1000  # times in a wait at which it is tried
 GRAZE = 1e-6  # m; allowance for rounding of touches and arrivals
 
 
@@ -50,7 +48,7 @@ class Oracle:
         task, robot = self.task, self.task.robot
         self.path = TimedPath(np.empty(0), np.empty((0, 2)))
         self.decision = Decision("stuck", "no path reaches the goal among the known motions")
-        horizon = float(self.timeline.knot_t.max(initial=t))  # nobody is known to be anywhere afterwards
+        horizon = float(self.timeline.knot_t.max(initial=t)) + LATER
         for share in MARGINS:
             wide = self.timeline.radius + share * robot.v_max * robot.dt / 2
             for path in paths_to_goal(task, replace(self.timeline, radius=wide), t, horizon):
@@ -81,12 +79,13 @@ class Oracle:
             at = at[0] + velocity[0] * dt, at[1] + velocity[1] * dt
             t.append(start + len(t) * dt)
             xy.append(at)
-        end = arrival_time(TimedPath(np.array(t), np.array(xy)), task)  # within the last step, or behind it
+        driven = TimedPath(np.array(t), np.array(xy))
+        end = arrival_time(driven, task)  # within the last step, or behind it
         if end < t[-1]:
-            share = (end - t[-2]) / dt
-            t[-1], xy[-1] = end, (xy[-2][0] + share * (xy[-1][0] - xy[-2][0]), xy[-2][1] + share * (xy[-1][1] - xy[-2][1]))
+            before = driven.t < end
+            driven = TimedPath(np.append(driven.t[before], end), np.vstack((driven.xy[before], driven.at(end))))
         discs = Trajectories(line.knot_t, line.knot_xy, line.first, line.radius + GRAZE)
-        contact = first_contact(np.array(t), np.array(xy), task.robot.radius, terrain_of(task.grid), discs)
+        contact = first_contact(driven.t, driven.xy, task.robot.radius, terrain_of(task.grid), discs)
         return contact == math.inf
 
 
@@ -96,11 +95,7 @@ def paths_to_goal(task: Task, timeline: Timeline | None, t: float = 0.0, horizon
     They lead to the goal's cell and to the first cell within the tolerance, if there is any; where they would wait near the
     goal, they go straight into the tolerance if that is free. Without a timeline nothing moves.
     """
-    robot, tolerance = task.robot, task.goal_tolerance
-    searches = [Sipp(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)]
-    with suppress(CellBlocked):  # cells may be larger than the tolerance
-        searches.append(Sipp(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max, goal_tolerance=tolerance))
-    paths = [each.plan(task.start, timeline, t=t, horizon=horizon).path for each in searches]
+    paths = [each.plan(task.start, timeline, t=t, horizon=horizon).path for each in searches_for(task)]
     if timeline is not None:
         paths = [_straight_in(path, task, timeline) for path in paths]
     return sorted(paths, key=lambda path: arrival_time(path, task))
@@ -111,10 +106,11 @@ def _straight_in(path: TimedPath, task: Task, timeline: Timeline) -> TimedPath:
     best, least, goal, radius = path, arrival_time(path, task), np.asarray(task.goal), task.robot.radius - GRAZE
     for i in range(len(path.t) - 1):
         xy, away = path.xy[i], math.dist(path.xy[i], goal)
-        if not task.goal_tolerance < away < NEAR or (path.xy[i + 1] != xy).any():
+        if not 0.0 < away - task.goal_tolerance < NEAR or (path.xy[i + 1] != xy).any():
             continue
         length = away - task.goal_tolerance + GRAZE  # a little inside
-        for t in np.arange(path.t[i], path.t[i + 1], task.robot.dt):
+        wait = path.t[i + 1] - path.t[i]
+        for t in np.linspace(path.t[i], path.t[i + 1], min(math.ceil(wait / task.robot.dt), MOST), endpoint=False):
             end = t + length / task.robot.v_max
             times, places = np.array([t, end]), np.vstack((xy, xy + (goal - xy) * (length / away)))
             if end < least and first_contact(times, places, radius, terrain_of(task.grid), timeline.trajectories) == math.inf:
@@ -125,19 +121,3 @@ def _straight_in(path: TimedPath, task: Task, timeline: Timeline) -> TimedPath:
                 )
                 break
     return best
-
-
-def arrival_time(path: TimedPath, task: Task) -> float:
-    """Return when a motion comes within the tolerance of the goal, s, if it goes straight on to the goal; infinite if empty."""
-    t, xy, goal, tolerance = path.t, path.xy, task.goal, task.goal_tolerance
-    if len(t):
-        t, xy = np.append(t, t[-1] + math.dist(xy[-1], goal) / task.robot.v_max), np.vstack((xy, goal))
-    for i in range(len(t)):
-        if math.dist(xy[i], goal) <= tolerance:
-            if i == 0:
-                return float(t[0])
-            step, away = xy[i] - xy[i - 1], xy[i - 1] - goal
-            a, b, c = float(step @ step), float(step @ away), float(away @ away) - tolerance**2
-            fraction = (-b - math.sqrt(max(b * b - a * c, 0.0))) / a
-            return float(t[i - 1] + fraction * (t[i] - t[i - 1]))
-    return math.inf

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
+from antway.errors import CellBlocked
 from antway.grid import Cell, Moves
 from antway.kernels.base.geometry import wall_ahead
 from antway.kernels.base.records import Trajectories
@@ -38,6 +41,7 @@ class Follow:
         """Prepare the distance field."""
         self.task, robot = task, task.robot
         self.search = SpaceTime(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)
+        self.searches = [self.search]
         self.decision = Decision("follow", "the shortest path over the map")
 
     def act(self, observation: Observation) -> Command:
@@ -51,13 +55,18 @@ class Follow:
         cell with room for the disc.
         """
         if self.search.stands(o.xy):
-            return self.search.search(o.xy, o.t, segments).path
+            return self._first(o.xy, o.t, segments)
         grid = self.task.grid
         centres = grid.to_xy(np.argwhere(~grid.inflate(self.task.robot.radius).blocked))
         away = np.hypot(*(centres - o.xy).T)
         i = int(np.argmin(away))
-        path = self.search.search(centres[i], o.t + away[i] / self.task.robot.v_max, segments).path
+        path = self._first(centres[i], o.t + away[i] / self.task.robot.v_max, segments)
         return TimedPath(np.append(o.t, path.t), np.vstack((o.xy, path.xy))) if len(path.t) else path
+
+    def _first(self, start: Iterable[float], t: float, segments: NDArray[np.float64]) -> TimedPath:
+        """Return that path of all searches which is first within the goal's tolerance."""
+        paths = [each.search(start, t, segments).path for each in self.searches]
+        return min(paths, key=lambda path: arrival_time(path, self.task))
 
     def target(self, o: Observation, within: float) -> XY | None:
         """Return the farthest visible node of the path, at most `within` m along it, or the goal if that is visible.
@@ -141,6 +150,7 @@ class Sipp(Follow):
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the distance field."""
         super().reset(task, seed)
+        self.searches = searches_for(task)
         self.edges = True  # whether obstacles are assumed to bounce off the map's edges, until one is seen to cross them
         self.clearance = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
 
@@ -265,6 +275,33 @@ def contact_radii(
     body = o.tracks.radius + robot.radius
     gap = np.hypot(xy[:, 0] - robot_xy[0], xy[:, 1] - robot_xy[1]) - body
     return body + np.clip(gap - 1e-6, 0.0, margin)
+
+
+def searches_for(task: Task) -> list[SpaceTime]:
+    """Return the searches to the goal's cell and, if there are cells within the tolerance, to the first of these."""
+    robot, tolerance = task.robot, task.goal_tolerance
+    searches = [SpaceTime(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)]
+    with suppress(CellBlocked):  # cells may be larger than the tolerance
+        searches.append(SpaceTime(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max, goal_tolerance=tolerance))
+    return searches
+
+
+def arrival_time(path: TimedPath, task: Task) -> float:
+    """Return when a motion comes within the tolerance of the goal, s, infinite if empty.
+
+    From its end it goes straight on to the goal, which is not tested for contacts."""
+    t, xy, goal, tolerance = path.t, path.xy, task.goal, task.goal_tolerance
+    if len(t):
+        t, xy = np.append(t, t[-1] + math.dist(xy[-1], goal) / task.robot.v_max), np.vstack((xy, goal))
+    for i in range(len(t)):
+        if math.dist(xy[i], goal) <= tolerance:
+            if i == 0:
+                return float(t[0])
+            step, away = xy[i] - xy[i - 1], xy[i - 1] - goal
+            a, b, c = float(step @ step), float(step @ away), float(away @ away) - tolerance**2
+            fraction = (-b - math.sqrt(max(b * b - a * c, 0.0))) / a
+            return float(t[i - 1] + fraction * (t[i] - t[i - 1]))
+    return math.inf
 
 
 def drive(task: Task, o: Observation, path: TimedPath) -> Command:

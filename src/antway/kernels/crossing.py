@@ -36,8 +36,8 @@ _SAME = 1e-3  # m and m/s; an obstacle moves as predicted if its place and its v
 _TOLERATED = 0.05  # m; a plan that lacks at most this much of its clearance radius may be kept for now
 _SOON = 0.5  # s; a plan that lacks clearance sooner than this is given up
 _LAST = 4  # the search for a plan without margins may take the expansions divided by this
-_NEAR_GOAL = 2.0  # m; nearer than this, the robot may go straight into the goal's tolerance
-_WAITS = 0.3  # s; it does so if its plan arrives later than that by more than this
+_NEAR_GOAL = 2.0  # m; nearer to the goal's tolerance than this, the robot may go straight into it
+_LATER = 0.3  # s; it does so if its plan arrives later than that by more than this
 _GRACE = 0.3  # s; a plan that lacks clearance is replaced by one that arrives up to this much later
 
 
@@ -264,8 +264,8 @@ def _replan(c: _Cycle, predictions: Predictions, valid: bool, most_delay: float)
 
 
 @inner_kernel
-def _goes_straight_in(c: _Cycle, predictions: Predictions) -> bool:
-    """Tell whether a straight path into the goal's tolerance is free, while the plan waits, and make it the plan.
+def _goes_straight_in(c: _Cycle) -> bool:
+    """Tell whether a straight path into the goal's tolerance is free, while the plan arrives later, and make it the plan.
 
     Somebody beside the goal may leave room within the tolerance, though not at the goal's node.
     """
@@ -273,16 +273,19 @@ def _goes_straight_in(c: _Cycle, predictions: Predictions) -> bool:
     dx, dy = s.goal_x - c.x, s.goal_y - c.y
     away = math.hypot(dx, dy)
     arrival = c.now + away / c.context.speed
-    if not s.arrives_within < away < _NEAR_GOAL or c.plan.state[ARRIVAL] < arrival + _WAITS:
+    if not 0.0 < away - s.arrives_within < _NEAR_GOAL or c.plan.state[ARRIVAL] < arrival + _LATER:
         return False
     share = 1.0 - s.arrives_within / away
     knots[0, 0], knots[0, 1], knots[0, 2] = c.now, c.x, c.y
     knots[1, 0], knots[1, 1], knots[1, 2] = c.now + share * away / c.context.speed, c.x + share * dx, c.y + share * dy
-    if not clear(c.context, c.x, c.y, knots[1, 1], knots[1, 2]) or first_conflict(knots[:2], c.now, predictions) < math.inf:
+    if not clear(c.context, c.x, c.y, knots[1, 1], knots[1, 2]):
+        return False
+    count = _predict(c, s.tubes, c.memory.segments)  # those of the plan may be without margins by now
+    if first_conflict(knots[:2], c.now, Predictions(c.memory.segments[:count], time_shift(s.tubes))) < math.inf:
         return False
     copy_row(knots[0], c.plan.knots[0])
     copy_row(knots[1], c.plan.knots[1])
-    c.plan.state[KNOT_COUNT], c.plan.state[ARRIVAL] = 2, arrival
+    c.plan.state[KNOT_COUNT], c.plan.state[ARRIVAL] = 2, knots[1, 0]
     return True
 
 
@@ -331,10 +334,11 @@ def cycle(
     what = KEPT
     if not (valid and as_predicted and now < plan.state[NEXT_SEARCH] - 1e-9):
         what = _replan(c, predictions, valid, most_delay)
-    if s.arrives_within > 0.0 and _goes_straight_in(c, predictions):
-        what = NEW
     if what == NONE:
         plan.state[KNOT_COUNT], plan.state[ARRIVAL] = 0, math.inf
+    if s.arrives_within > 0.0 and _goes_straight_in(c):
+        what = NEW
+    if what == NONE:
         return 0.0, 0.0, NONE
     vx, vy = _follow(c)
     return vx, vy, what
