@@ -29,6 +29,7 @@ KEEN = (2.0, 4.0, 8.0)  # 1 / cells; beta in successive cycles
 PURE = 100.0  # cells; with such a weight of another objective, length only breaks ties
 WEIGHTS = {0: 1, 1: 12, 2: 5, 3: 3}  # number of weights for each objective besides length, by the number of these
 SPREAD = 16.0  # weights go from 1 / SPREAD to SPREAD times the exchange rate between the ends of the front
+_MOST_RISK = 1e100  # per m; integrals of it are finite
 _SAME = 1e-9
 
 
@@ -74,7 +75,7 @@ def pareto(
     objectives : sequence of str
         At least one of length, turns, clearance, exposure.
     exposure : float[H, W] or None
-        Risk of each cell per m of path, >= 0; needed if exposure is an objective.
+        Risk of each cell per m of path, 0 to 1e100; needed if exposure is an objective.
     seed : int
     budget : Budget
         Its cycles, if any, replace `cycles`.
@@ -102,13 +103,14 @@ def pareto(
     if "exposure" in names or exposure is not None:
         risk = checks.array("exposure", exposure, grid.shape)
         checks.number("exposure", float(risk.min()), low=0.0)
+        checks.number("exposure", float(risk.max()), high=_MOST_RISK)
     colony = _WeightedColony(problem, seed, ants, threads, clock)
     graph, archive = colony.graph, _Archive([OBJECTIVES.index(name) for name in names])
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
     status = colony.status()
     if status is Status.FOUND:
         clearance = graph.flat(grid.clearance() / grid.resolution)
-        danger = np.pad(risk, 1).ravel()
+        danger = np.where(np.isfinite(graph.distance), np.pad(risk, 1).ravel(), 0.0)  # no path is elsewhere
         with colony.walkers:
             aims = _weightings(colony, archive, names, clearance, danger)
             for t in range(cycles):
@@ -199,7 +201,7 @@ def alternatives(
                 if colony.walkers.length[ant] > longest:
                     break
                 path = colony.walkers.path(ant)
-                if all(zone[graph.cells(path)].mean() <= overlap for zone in near) and not covers(path):
+                if all(zone[graph.cells(path)].mean() <= overlap for zone in near) and is_new(path):
                     found, longest = path, float(colony.walkers.length[ant]) * (1 - 1e-9)
                     break
         return found
@@ -208,11 +210,13 @@ def alternatives(
         """Return the cells of a path as (row, col)."""
         return np.column_stack(np.divmod(graph.cells(path), graph.net.width))
 
-    def covers(path: NDArray[np.uint8]) -> bool:
-        """Tell whether too much of an earlier path is near this one."""
+    def is_new(path: NDArray[np.uint8]) -> bool:
+        """Tell whether a path is none of the earlier ones, and not too much of any of these is near it."""
+        if any(np.array_equal(path, other) for other in paths):
+            return False
         tree = scipy.spatial.KDTree(places(path))
         away = (np.asarray(tree.query(places(other), p=math.inf)[0]) for other in paths)
-        return any((cells <= apart).mean() > overlap for cells in away)
+        return all((cells <= apart).mean() <= overlap for cells in away)
 
     with colony.walkers:
         for _ in range(k):

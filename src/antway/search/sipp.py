@@ -177,6 +177,8 @@ class Sipp:
         self.v_max = checks.number("v_max", v_max, low=1e-6, high=MAX_SPEED, unit="m/s")
         self.goals = self._goal_cells(goal, checks.number("goal_tolerance", goal_tolerance, low=0.0, unit="m"))
         self.field = timed_field(self.mask, moves, self.goals, grid.resolution / self.v_max)
+        if float(self.field[np.isfinite(self.field)].max(initial=0.0)) > _LONGEST:
+            raise BadParameter("v_max", v_max, f"such that no path to the goal takes more than {_LONGEST:g} s")
         self._workspace = _workspace(self.mask.size, 4096, 64)
 
     def plan(
@@ -300,6 +302,7 @@ def sipp(
     return search.plan(start, obstacles, t=t, horizon=horizon, max_expanded=max_expanded)
 
 
+_LONGEST = 1e12  # s; a path that takes longer would end after the last safe interval
 _STATUS = {kernels.FOUND: Status.FOUND, kernels.NO_PATH: Status.NO_PATH, kernels.BUDGET: Status.BUDGET}
 
 

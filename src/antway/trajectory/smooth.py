@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadParameter, InvalidPlan
+from antway.errors import BadParameter, InvalidPlan, TooLarge
 from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.base.rng import make_state
@@ -26,6 +26,7 @@ from antway.world.rollouts import finite_limits
 _SPACINGS = (0.5, 0.3)  # m; distances between control points
 _MORE_SPACINGS = (0.8, 1.2, 0.4)  # m; distances tried if the first ones give no motion
 _STEERING = 1.01  # factor of the turning radius, because samples may miss the tightest place
+_LONGEST = 20_000.0  # m; the number of control points grows with the length of a path
 _FEWEST = 8  # least number of control points
 _TRIALS = 40_000  # limit of moves of control points for each search
 _FINE = 16  # samples on a span of the result
@@ -110,7 +111,8 @@ def smooth(
 
     Raises
     ------
-    BadParameter
+    BadParameter, TooLarge
+        TooLarge for a path of more than 20 km.
 
     Examples
     --------
@@ -132,6 +134,8 @@ def smooth(
         return Smoothed(path.status, None, elapsed=time.perf_counter() - started, reason="the plan has no path")
     if (path.cells >= grid.shape).any():
         raise BadParameter("grid.shape", grid.shape, "that of a map with all cells of the path")
+    if path.length > _LONGEST:
+        raise TooLarge("path.length", path.length, f"at most {_LONGEST:g} m")
     flat = Grid(grid.blocked, grid.resolution)
     limits = finite_limits(robot)
     limits = limits._replace(turning_radius=_STEERING * limits.turning_radius)
