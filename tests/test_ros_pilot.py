@@ -454,10 +454,10 @@ def test_odometry_that_was_overtaken_is_dropped() -> None:
 
 
 def test_the_robot_stands_while_a_thread_plans_on_a_large_map(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Meanwhile every odometry is answered, a refreshed path changes nothing, and another goal is planned for instead."""
-    run, go_on, planned = beside.Beside._run, threading.Event(), []
+    """Meanwhile every odometry is answered, a refreshed path changes nothing, and another goal is planned for on the way."""
+    run, go_on, started = beside.Beside._run, threading.Event(), []
     monkeypatch.setattr(beside, "_AT_ONCE", 0)
-    monkeypatch.setattr(beside.Beside, "_run", lambda self, work: (go_on.wait(60.0), planned.append(1), run(self, work)))
+    monkeypatch.setattr(beside.Beside, "_run", lambda self, work: (started.append(1), go_on.wait(60.0), run(self, work)))
     drive = Drive()
     drive.pilot.receive_map(ROOM)
     way = np.array([[2.0, 2.0], [10.0, 2.0]])
@@ -467,14 +467,10 @@ def test_the_robot_stands_while_a_thread_plans_on_a_large_map(monkeypatch: pytes
             answer = drive.step()
             assert answer.command is STAND and "plans" in answer.reason
     drive.pilot.go(Goal((2.0, 3.2)))
-    assert "plans" in drive.step().reason
+    assert "plans" in drive.step().reason and len(started) == 1
     go_on.set()
-    for _ in range(200):
-        answer = drive.step()
-        if answer.drives:
-            break
-        time.sleep(0.02)
-    assert answer.command.velocity[1] > 0.5 and len(planned) == 2
+    assert until(drive, lambda answer: answer.drives).command.velocity[0] > 0.5, "it drives to the first goal"
+    until(drive, lambda answer: answer.command.velocity[1] > 0.5)
     drive.pilot.go(Goal((-5.0, 2.0)))
     for _ in range(200):
         answer = drive.step()
@@ -482,6 +478,36 @@ def test_the_robot_stands_while_a_thread_plans_on_a_large_map(monkeypatch: pytes
             break
         time.sleep(0.02)
     assert answer.end is End.REFUSED
+
+
+@pytest.mark.parametrize("what", ["goal", "map", "dropped"])
+def test_goals_and_maps_that_come_faster_than_it_plans_do_not_keep_the_robot(monkeypatch, what: str) -> None:
+    """One thread plans at a time, and the robot sets out by its plan; not so to a goal that was dropped meanwhile."""
+    run, go_on, started, grid = beside.Beside._run, threading.Event(), [], ROOM
+    monkeypatch.setattr(beside, "_AT_ONCE", 0)
+    monkeypatch.setattr(beside.Beside, "_run", lambda self, work: (started.append(1), go_on.wait(60.0), run(self, work)))
+    drive = Drive()
+    drive.pilot.receive_map(ROOM)
+    for k in range(5):
+        if what == "map":
+            blocked = ROOM.blocked.copy()
+            blocked[12, 8 + k] = True  # in sight of the robot
+            grid = Grid(blocked, 0.2)
+            drive.pilot.receive_map(grid)
+        if what == "dropped" and k > 0:
+            drive.pilot.drop("on request")
+        if what != "map" or k == 0:
+            drive.pilot.go(Goal((10.0, 2.0) if k == 0 else (2.0, 5.0 + 0.4 * k)))
+        assert "plans" in drive.step().reason
+    assert len(started) == 1
+    go_on.set()
+    velocity = until(drive, lambda answer: answer.drives).command.velocity
+    assert velocity[1] > 0.5 if what == "dropped" else velocity[0] > 0.5
+    if what == "map":
+        guarded = drive.pilot.policy.guard.grid
+        assert guarded.blocked[guarded.cell_at(grid.centre((12, 12)))], "it keeps off the walls on the newest map"
+    planned_for(drive, drive.pilot.goal)
+    assert drive.pilot.policy.task.goal == drive.pilot.goal.xy and drive.pilot.policy.task.grid == grid
 
 
 def test_time_for_planning_is_no_lack_of_progress() -> None:
@@ -1022,8 +1048,8 @@ class Piloted:
         for answer in filter(None, answers):
             self.answer = answer
             self.ends += [answer.end] * (answer.end is not None)
-        if pilot.planning is not None:
-            pilot.planning[2].result()  # simulations are faster than real time
+        if pilot.outset.making is not None:
+            pilot.outset.making.work.result()  # simulations are faster than real time
         return Command(twist=(0.0, 0.0)) if self.answer.command is STAND else self.answer.command
 
     def explain(self) -> Decision:

@@ -7,7 +7,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +14,16 @@ from numpy.typing import NDArray
 from antway.errors import BadInput
 from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
-from antway.policies.antway.beside import Beside
 from antway.policies.antway.explain import CUT_OFF
 from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.guard import Guard, at_scan
+from antway.policies.guard import Guard
 from antway.policies.guard_process import SILENT, GuardProcess
 from antway.ros2 import frames
 from antway.ros2.frames import Odometry, Pose
 from antway.ros2.goals import ERROR, OK, STAND, WARN, End, Goal, PilotAnswer
 from antway.ros2.markers import predictions, shades
-from antway.ros2.outset import same_path, set_out
-from antway.ros2.path import around, length_after
+from antway.ros2.outset import Outset, Planned, observed, same_path, sensed_part
+from antway.ros2.path import length_after
 from antway.ros2.settings import Settings
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.robots import towards
@@ -57,7 +55,7 @@ class Pilot:
         self.sent = np.zeros((settings.robot.late_commands, 2))  # commands that do not act yet
         self.policy: AntwayPolicy | None = None
         self.bound_for: Goal | None = None  # the goal that the policy drives to: not yet a new one
-        self.planning: tuple[Grid, Goal, Beside[AntwayPolicy | BadInput]] | None = None  # for a map and a goal
+        self.outset = Outset(settings)
         self.turner: Guard | None = None  # while it turns in place at a goal
         self.guard: Guard | GuardProcess | None = None  # keeps the stop that follows the last command; None: STAND stops it
         self.guard_frame = self.frame  # in which that stop is
@@ -87,7 +85,7 @@ class Pilot:
         self.grid, self.frame = frames.level(grid)
         policy, o, stands = self.policy, self.odometry, self.turner is not None or self.guard_process is not None
         if policy is not None and o is not None and not stands and self.frame == before:
-            near = around(self.grid, frames.move_point(frames.inverse(self.frame), o.xy), self.settings.robot.sensor_range)
+            near = sensed_part(self.settings, (self.grid, self.frame), o.xy)
             if near is not None:
                 policy.set_surroundings(near)
                 return PilotAnswer(self.command, WARN, "the map has changed")
@@ -129,7 +127,8 @@ class Pilot:
     def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> PilotAnswer:
         """Stop, and end the goal."""
         done = None if self.goal is None else end
-        self.goal = self.policy = self.turner = self.planning = None
+        self.goal = self.policy = self.turner = None
+        self.outset.forget()
         return self._hold(level, reason, done)
 
     def silent(self, seconds: float, held: float) -> PilotAnswer | None:
@@ -294,7 +293,7 @@ class Pilot:
         elif goal.gives_up and t - self.progress[0] > settings.progress_time:
             self.brake(t)
             return self.drop(f"no progress in {settings.progress_time:g} s", End.STUCK, ERROR)
-        found = self._passed(self.policy.act, self._seen(odometry, self.started, self.scan), self.started)
+        found = self._passed(self.policy.act, observed(self.frame, odometry, self.scan, self.sent, self.started), self.started)
         if isinstance(found, PilotAnswer):
             return found
         passed, did = found
@@ -307,14 +306,6 @@ class Pilot:
         if did == "braked" and decision.guard != did:
             return PilotAnswer(self.command, WARN, "brake: the guard's process had no command in time, or let none pass")
         return PilotAnswer(self.command, OK, f"{decision.action}: {decision.reason}")
-
-    def _seen(self, odometry: Odometry, start: float, scan: tuple[float, Tracks]) -> Observation:
-        """Return what is observed in the policy's frame at the time of odometry or, if later, of the scan, from `start` s."""
-        into, sent = frames.inverse(self.frame), self.sent if len(self.sent) else None
-        t, xy, velocity, heading, turn_rate = frames.move_odometry(into, odometry)
-        tracks, stamp = frames.move_tracks(into, scan[1]), scan[0] - start
-        seen = Observation(t - start, xy, velocity, heading, tracks, stamp, turn_rate, sent)
-        return at_scan(seen) if stamp > seen.t else seen
 
     def _passed(
         self, decide: Callable[[Observation], Command], seen: Observation, start: float
@@ -363,7 +354,7 @@ class Pilot:
             self.policy = None
             self.brake(t)
             return self._hold(OK, "brakes before it turns to the goal's yaw")
-        seen = self._seen(odometry, 0.0, self.scan)
+        seen = observed(self.frame, odometry, self.scan, self.sent)
         _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), odometry.heading, settings.robot)
         if self.turner is None:
             self.progress = (t, odometry.xy)
@@ -403,25 +394,26 @@ class Pilot:
     def _set_out(self, goal: Goal, grid: Grid, odometry: Odometry) -> BadInput | None:
         """Set out for a goal, once a thread has planned where the robot drives or the map is large; return why it is refused.
 
-        While the robot drives, a plan for an earlier goal is finished first: goals may come faster than it plans.
+        A plan for an earlier goal or map is finished first and driven on the way, because they may come faster than it plans.
+        On an earlier map the robot keeps off the walls that are around it now.
         """
-        made, drives = self.planning, self.policy is not None
-        if made is None or made[0] is not grid or not (drives or made[1] is goal or self._same_path(made[1], goal)):
-            work = partial(set_out, self.settings, grid, (self.grid, self.frame), goal, odometry.xy)
-            made = self.planning = grid, goal, Beside(grid.blocked.size, 0.0, work, 0 if drives else None)
-        if not made[2].done:
+        level = self.grid, self.frame
+        found = self.outset.plan(grid, level, goal, odometry.xy, self.policy is not None)
+        if not isinstance(found, Planned):
+            return found
+        planned, near = found.policy, None if found.grid is grid else sensed_part(self.settings, level, odometry.xy)
+        if found.grid is not grid and near is None:
             return None
-        self.planning = None
-        planned = made[2].result()
-        if isinstance(planned, BadInput):
-            return planned if made[1] is goal else None
         if self.policy is None:
             if self.guard_process is not None:
                 self.guard_process.reset(replace(planned.task, grid=self.grid))
             self.started, self.progress = odometry.t, (math.nan, odometry.xy)
         else:
             planned.take_over(self.policy, odometry.t - self.started)
-        self.policy, self.bound_for = planned, goal if self._same_path(made[1], goal) else made[1]
+        if near is not None:
+            planned.set_surroundings(near)
+        bound_for = goal if self._same_path(found.goal, goal) else found.goal
+        self.policy, self.bound_for = planned, bound_for if near is None else None
         return None
 
     def _same_path(self, before: Goal, goal: Goal) -> bool:
