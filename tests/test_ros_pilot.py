@@ -381,6 +381,22 @@ def test_odometry_that_is_back_does_not_cut_the_stop_short(back: float, commands
     assert sent == [(0.0, 0.5)] * (commands - 1) + [None] * (5 - commands)
 
 
+@pytest.mark.parametrize("rate", [10.0, 20.0])
+def test_odometry_whose_stamp_stands_still_is_not_driven_on(rate: float) -> None:
+    """Such odometry, and messages that come twice, have no answer, so the robot brakes two periods after its last command."""
+    drive = ready(**INERTIA)
+    last = drive.now
+    for _ in range(20):
+        answer = drive.step(dt=1.0 / rate, passed=1.0 / rate)
+        last = drive.now if answer is not None else last
+        assert drive.step(dt=0.0, passed=0.0) is None, "the same message again"
+    braked = []
+    while not braked and drive.now < last + 1.0:
+        assert drive.step(dt=0.0, passed=1.0 / rate) is None, drive.now - last
+        braked = list(filter(None, [drive.pilot.silent(drive.now - last, drive.now - last)]))
+    assert drive.now - last <= 0.3 + 1e-9 and braked[0].reason == "brake: no odometry for 2 control periods"
+
+
 def test_a_slow_simulation_is_not_silent() -> None:
     """Where the clock of the simulation is slow, `held` is by that clock, and the time-out by a steady one."""
     drive = ready(**INERTIA)

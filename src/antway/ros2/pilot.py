@@ -171,23 +171,25 @@ class Pilot:
         """Receive odometry that arrived at `now` s of a steady clock; answer once in each control period.
 
         A jump of odometry's clock is answered at once: it went back, or forward by `timeout` more than the steady one. What is
-        older by no more than a control period was overtaken by a newer message, and is dropped.
+        older by no more than a control period was overtaken by a newer message, and is dropped. A stamp that stands still is
+        answered no more.
         """
         before, dt = self.odometry, self.settings.robot.dt
         if self.is_late(odometry.t):
             return None
         self.odometry, passed, self.now = odometry, now - self.now, now
-        if before is not None and not 0.0 <= odometry.t - before.t <= self.settings.timeout + passed:
+        gap = 0.0 if before is None else odometry.t - before.t
+        if not 0.0 <= gap <= self.settings.timeout + passed:
             self.scan = self.policy = self.turner = None  # earlier observations and plans are invalid now
             self.brake()
             self.due = -math.inf if self.guard is None else odometry.t + dt
             self.missed, self.answered = 0, now
             self._restart()
             self.gaps.clear()
-            return self._hold(WARN, f"odometry's clock jumped by {odometry.t - before.t:.3f} s")
-        if before is not None and odometry.t > before.t:
-            self.gaps.append(odometry.t - before.t)
-        every = self.period() > 0.9 * dt and not self._stopping  # odometry that jitters by more than a quarter, too
+            return self._hold(WARN, f"odometry's clock jumped by {gap:.3f} s")
+        if gap > 0.0:
+            self.gaps.append(gap)
+        every = gap > 0.0 and self.period() > 0.9 * dt and not self._stopping  # if it jitters by more than a quarter, too
         if odometry.t < self.due - dt / 4 and not every:
             return None
         self.due = (odometry.t if every or odometry.t - self.due >= dt else self.due) + dt
