@@ -985,6 +985,41 @@ def turned(pilot: Pilot, steps: int, t: float = 0.0) -> tuple[float, list]:
     return heading, answers
 
 
+@pytest.mark.parametrize("large", [False, True])
+def test_a_robot_that_turns_and_is_found_elsewhere_stops_to_turn(monkeypatch, large: bool) -> None:
+    """Noise of its place does not matter. Farther away it brakes by the turn's guard, plans anew, and only then drives."""
+    run, go_on = beside.Beside._run, threading.Event()
+    monkeypatch.setattr(beside, "_AT_ONCE", 0 if large else 2**16)
+    monkeypatch.setattr(beside.Beside, "_run", lambda self, work: (go_on.wait(60.0), run(self, work)))
+    pilot = Pilot(settings(**INERTIA, yaw_tolerance=0.1))
+    pilot.receive_map(ROOM)
+    pilot.go(Goal((6.0, 2.0), yaw=3.0))
+    heading, answers = turned(pilot, 8)
+    t, rate = 0.8, answers[-1].command.twist[1]
+
+    def step(x: float) -> PilotAnswer:
+        nonlocal t, rate
+        pilot.scan = (t, NOBODY)
+        answer = pilot.receive_odometry(Odometry(t, (x, 2.0), (0.0, 0.0), heading, rate), t)
+        t, rate = t + 0.1, (answer.command.twist or (0.0, 0.0))[1]
+        return answer
+
+    assert rate > 0.5 and "turns" in step(6.29).reason and "turns" in step(5.71).reason
+    answers = [step(6.31)]
+    assert "no longer at the goal" in answers[0].reason
+    while answers[-1].drives and len(answers) < 20:
+        answers.append(step(6.31))
+    assert not answers[-1].drives, "the turn is braked"
+    if large:
+        assert [step(6.31).reason for _ in range(3)] == ["the robot plans before it sets out"] * 3
+        go_on.set()
+    for _ in range(200):
+        if step(6.31).drives:
+            break
+        time.sleep(0.01)
+    assert pilot.guard is pilot.policy.guard
+
+
 def test_a_robot_that_cannot_turn_to_the_yaw_says_so_and_gives_up() -> None:
     """A long footprint in a narrow corridor stands askew: the guard brakes, and a goal that gives up ends without progress."""
     blocked = np.ones((40, 120), bool)

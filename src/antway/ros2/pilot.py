@@ -32,6 +32,7 @@ ODOMETRY, OBSTACLES = "odometry", "obstacles"
 GUARD_ENDED = "the guard's process has ended: deactivate, clean up, configure and activate the node, which starts another one"
 LATE = 2.0  # control periods; a robot brakes if odometry has not answered its last command for longer than this
 _LOOP = 5.0  # tolerances at the goal; a path that is longer than this, and ends where the robot is, is a loop
+_TURNS = 1.5  # tolerances at the goal; a robot that turns there goes on within this, because its place is noisy
 SLOW = 1.5  # control periods; a robot stands if odometry comes, at the median, more slowly than this
 
 
@@ -257,7 +258,7 @@ class Pilot:
         """Return the command of a control period, or why the robot stands."""
         settings, t, xy, tolerance = self.settings, odometry.t, odometry.xy, self.settings.task["goal_tolerance"]
         anew = self.policy is None or self.bound_for is not goal
-        if math.dist(goal.xy, xy) <= tolerance:
+        if math.dist(goal.xy, xy) <= tolerance * (1.0 if self.turner is None else _TURNS):
             if anew and goal.path is not None and length_after(goal.path, xy, tolerance) > _LOOP * tolerance:
                 reason = "the path is refused: it ends where the robot is, and loops are not driven"
                 return self.drop(reason, End.REFUSED, ERROR)
@@ -279,6 +280,10 @@ class Pilot:
             age, late = ("older", "the sensor") if stamp < t else ("newer", "odometry")
             reason = f"obstacles are {abs(t - stamp):.2f} s {age} than odometry: {late} is silent, or its clock is late"
             return self._wait(t, ERROR, reason)
+        if self.turner is not None:  # the guard of the turn knows how it stops
+            self.policy = self.turner = None
+            self.brake(t)
+            return self._hold(OK, "brakes, because it is no longer at the goal")
         if anew:
             try:
                 refused = self._set_out(goal, self.map, odometry)
