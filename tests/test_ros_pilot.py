@@ -696,6 +696,20 @@ def test_only_goals_that_give_up_end_by_waiting_or_without_progress():
     assert drive.pilot.silent(0.8, 0.8).end is None and drive.pilot.silent(1.2, 1.2).end is End.WAITED
 
 
+def test_silence_before_a_goal_is_no_waiting_for_it() -> None:
+    """Odometry has `wait_timeout` from the goal on, and again once it was back, to come."""
+    drive = Drive(wait_timeout=1.0)
+    pilot = drive.pilot
+    assert pilot.silent(60.0, 60.0) is None, "no goal"
+    pilot.go(Goal((10.0, 2.0), gives_up=True))
+    assert pilot.silent(60.1, 60.1).end is None and pilot.silent(60.9, 60.9).end is None
+    pilot.go(Goal((10.0, 2.0), gives_up=True))
+    assert pilot.silent(61.1, 61.1).end is End.WAITED
+    pilot.go(Goal((10.0, 2.0), gives_up=True))
+    drive.step()
+    assert pilot.silent(0.2, 0.2) is None and pilot.silent(0.9, 0.9).end is None and pilot.silent(1.1, 1.1).end is End.WAITED
+
+
 def test_what_the_robot_was_told_before_it_stood_acts_no_more() -> None:
     """A robot with latency that stood between two goals, or without odometry, begins without commands that do not act yet."""
     slow = {"robot.latency": 0.3, "robot.a_max": 1.0}

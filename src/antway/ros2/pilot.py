@@ -67,11 +67,13 @@ class Pilot:
         self.now = self.answered = -math.inf  # s of a steady clock; when odometry last arrived, and was last answered
         self.gaps: deque[float] = deque(maxlen=11)  # s; between the stamps of the latest odometry
         self.missed = 0  # number of control periods in which the robot brakes because odometry is late
+        self.silence = 0.0  # s; for how long there has been no odometry, as `silent` was last told
         self._restart()
 
     def _restart(self) -> None:
         """Forget since when the robot waits, and when and where it last made progress."""
         self.waiting_since, self.progress = math.nan, (math.nan, (0.0, 0.0))
+        self.silent_before = self.silence  # s; which does not count as waiting for the goal
 
     # What comes in
 
@@ -119,7 +121,7 @@ class Pilot:
         reason = f"the goal {frames.shown(before.xy)} is pre-empted by {frames.shown(goal.xy)}"
         if self.policy is None:
             return self._hold(OK, reason, End.REPLACED)
-        if self._same_path(before, goal):
+        if same_path(before, goal, (self.grid, self.frame), self.settings.corridor):
             # The place stays, too: small steps of it would add up, and the policy would stand where the goal has been.
             self.goal, reason = replace(goal, xy=before.xy, path=before.path), "the path is refreshed"
             self.bound_for = self.goal if self.bound_for is before else self.bound_for
@@ -140,6 +142,7 @@ class Pilot:
         by one command in each, until odometry is back: so late it is lost, and does not just jitter.
         """
         dt, timeout = self.settings.robot.dt, self.settings.timeout
+        self.silent_before, self.silence = self.silent_before if seconds >= self.silence else 0.0, seconds
         over = max(held / dt - (1.5 if self._stopping else LATE), (seconds - timeout) / dt)
         if over <= self.missed or (self.goal is None and not self._stopping):
             return None
@@ -155,7 +158,8 @@ class Pilot:
         if seconds <= timeout:
             return self._hold(WARN, self._fault(ODOMETRY) or f"brake: no odometry for {LATE:g} control periods")
         reason = self._fault(ODOMETRY) or f"no odometry for {timeout:g} s"
-        if self.goal is not None and self.goal.gives_up and seconds > self.settings.wait_timeout:
+        waited = seconds - self.silent_before
+        if self.goal is not None and self.goal.gives_up and waited > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
         return self._hold(ERROR, reason)
 
@@ -419,13 +423,9 @@ class Pilot:
             planned.take_over(self.policy, odometry.t - self.started)
         if near is not None:
             planned.set_surroundings(near)
-        bound_for = goal if self._same_path(found.goal, goal) else found.goal
+        bound_for = goal if same_path(found.goal, goal, level, self.settings.corridor) else found.goal
         self.policy, self.bound_for = planned, bound_for if near is None else None
         return None
-
-    def _same_path(self, before: Goal, goal: Goal) -> bool:
-        """Tell whether `goal` is the previous one, without a path or with one in the inner half of the same corridor."""
-        return same_path(before, goal, (self.grid, self.frame), self.settings.corridor)
 
     # What is shown
 
