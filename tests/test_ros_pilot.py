@@ -72,11 +72,17 @@ def test_a_corridor_is_what_lies_near_the_way():
                 assert np.hypot(*(inside - xy).T).min() < 1e-9
         for _ in range(20):
             other = path[:2] + rng.normal(0.0, 0.7 * width, (2, 2))
-            cells = np.floor(part.to_points(other) + 0.5).astype(int).tolist()
+            steps = max(math.ceil(2.0 * np.abs(np.diff(other, axis=0)).max() / 0.25), 1)  # each of half a cell at most
+            cells = np.floor(part.to_points(np.linspace(*other, steps + 1)) + 0.5).astype(int).tolist()
             assert keeps_near(grid, path, other, width) == all(part.is_free((row, col)) for row, col in cells)
     straight = np.array([[1.0, 1.0], [9.0, 1.0]])
     assert keeps_near(ROOM, straight, straight + np.array([0.0, 0.4]), 0.5)
     assert not keeps_near(ROOM, straight, np.array([[1.0, 1.0], [9.0, 3.0]]), 0.5)
+    detour, other = np.array([[1.0, 6.0], [1.0, 1.0], [11.0, 1.0], [11.0, 6.0]]), np.array([[1.0, 6.0], [11.0, 6.0]])
+    assert not keeps_near(ROOM, detour, other, 1.0), "the ends alone are near"
+    walls = ROOM.blocked.copy()
+    walls[5, 30] = True
+    assert not keeps_near(replace(ROOM, blocked=walls), straight + 0.1, straight + 0.1, 0.5), "there is a wall between the ends"
 
 
 def test_tracking_measures_from_the_nearest_point():

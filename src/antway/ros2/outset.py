@@ -137,5 +137,5 @@ def same_path(before: Goal, goal: Goal, level: tuple[Grid, Pose], width: float) 
     path, other = (frames.move(frames.inverse(frame), path) for path in (before.path, goal.path))
     try:
         return keeps_near(grid, path, other, width / 2)
-    except BadParameter:  # the path before is too long for any map, which is refused when the robot is to set out
+    except BadParameter:  # a path is too long for any map, which is refused when the robot is to set out
         return False
