@@ -246,6 +246,27 @@ def test_the_tracker_names_and_measures():
     assert ScanTracker().update(0.0, unknown).id.tolist() == [7]
 
 
+@pytest.mark.parametrize("what", ["another has none", "stated", "exact"])
+def test_measured_velocities_are_as_wrong_as_they_are(what: str) -> None:
+    """They are not exact because a name, or the velocity of another track, is missing; errors that are stated count."""
+    rng, tracker, found = np.random.default_rng(0), ScanTracker(), []
+    noise, names = (0.0 if what == "exact" else 0.4), [-1, 8] if what == "stated" else [7, 8]
+    covariance = np.diag([0.05**2, 0.05**2, noise**2, noise**2])[None].repeat(2, axis=0) if what == "stated" else None
+    for k in range(150):
+        t, velocity = 0.1 * k, np.array([[0.5, 0.0], [0.0, 0.0]]) + rng.normal(0.0, noise, (2, 2))
+        if what != "stated":
+            velocity[1] = math.nan
+        xy = np.array([[1.0 + 0.5 * t, 1.0], [8.0, 8.0]]) + rng.normal(0.0, noise / 8.0, (2, 2))
+        tracks = tracker.update(t, Tracks(names, xy, velocity, [0.3, 0.3], covariance))
+        found.append((*(tracks.velocity[0] - (0.5, 0.0)), *np.sqrt(np.diagonal(tracks.covariance[0]))))
+    vx, vy, place, _, speed, _ = np.array(found[30:]).T
+    error = math.hypot(vx.std(), vy.std()) / math.sqrt(2.0)
+    if what == "exact":
+        assert error < 1e-6 and speed.max() < 1e-6
+    else:
+        assert error < 0.2 and 0.5 < speed.mean() / error < 2.0 and 0.01 < place.mean() < 0.05
+
+
 def test_nameless_tracks_are_told_apart_by_nearness() -> None:
     """Two crossing discs without names keep their own velocities; one that vanishes is forgotten after a second."""
     tracker, nan = ScanTracker(), np.full((2, 2), math.nan)

@@ -14,6 +14,7 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.tracking import kalman
+from antway.kernels.tracking.noise import COLUMNS, STATE, measured_noise
 from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import make_table, rows_in_use
 from antway.limits import MAX_ANGLE, MAX_PLACE
@@ -240,6 +241,7 @@ class ScanTracker:
     def __init__(self) -> None:
         self.table, self.estimates = make_table(MOST_ROWS, kalman.COLUMNS, ID), np.zeros((MOST_ROWS, 8))
         self.next_id, self.t = 0, -math.inf
+        self.measured, self.shown = make_table(MOST_ROWS, COLUMNS), np.zeros(STATE)  # for kernels/tracking/noise.py
         # Of each track that a laser sees: its radius in m, and in how many scans it was on a circle of that radius.
         self.radius: dict[int, tuple[float, int]] = {}
 
@@ -256,14 +258,13 @@ class ScanTracker:
         if len(seen) > MOST_ROWS:
             seen, places = nearest(seen, xy), None
         if t < self.t:
-            self.table.used[0] = 0
+            self.table.used[0] = self.measured.used[0] = 0
         self.t = t
         seen, self.next_id = with_ids(seen, t, self.table, self.next_id)
         noise = np.full(len(seen), _NOISE)
         if places is not None:
             seen, noise = self._centred(seen, t, places)
-        variance = np.column_stack((noise**2, np.zeros(len(seen))))
-        scan = seen.id, seen.xy, seen.velocity, seen.radius, variance
+        scan = seen.id, seen.xy, seen.velocity, seen.radius, self._variances(seen, t, noise)
         rows, used, _ = self.table
         known, _, _ = kalman.update(rows, used, t, *scan, _AGILITY, self.estimates)
         table, estimate = rows[:known], self.estimates[:known]
@@ -283,6 +284,18 @@ class ScanTracker:
             covariance[:, speed, speed] = estimate[:, SIGMA_V] ** 2
             covariance[:, place, speed] = covariance[:, speed, place] = table[:, kalman.P12] + age * table[:, kalman.P22]
         return Tracks(ids_of(estimate), estimate[:, :2].copy(), estimate[:, 2:4].copy(), estimate[:, RADIUS].copy(), covariance)
+
+    def _variances(self, seen: Tracks, t: float, noise: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the variances of places (m^2) and velocities (m^2/s^2), float64[N, 2]: those stated, if any are.
+
+        Else `noise` are the standard deviations of places, and innovations show how wrong velocities are.
+        """
+        if seen.covariance is not None:
+            return np.column_stack((seen.variances(0), seen.variances(2)))
+        shown = 0.0
+        if not np.isnan(seen.velocity).all():
+            shown = measured_noise(*self.measured[:2], self.shown, t, seen.id, seen.xy, seen.velocity)[1]
+        return np.column_stack((noise**2, np.full(len(seen), shown)))
 
     def _centred(self, seen: Tracks, t: float, places: Discs) -> tuple[Tracks, NDArray[np.float64]]:
         """Return what a laser sees with better centres, and their standard deviations, m.
