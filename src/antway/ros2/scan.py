@@ -28,6 +28,7 @@ _NOISE = 0.05  # m; standard deviation of the places of tracks
 _FITTED = 0.02  # m; the same for discs whose rim a laser sees
 _HIDDEN = 2.0  # 1; the centre of a disc that is hidden in part is uncertain by the change of its radius times this
 _SCANS = 3  # number of scans in which a disc has shown its rim before it counts as one
+FIRST_ID = 10**15  # the node's own ids are counted from here on: far from those of sensors, and below those of the policy
 _LEG = 0.12  # m; people's legs are no wider, and do not count as discs
 
 
@@ -240,7 +241,7 @@ class ScanTracker:
 
     def __init__(self) -> None:
         self.table, self.estimates = make_table(MOST_ROWS, kalman.COLUMNS, ID), np.zeros((MOST_ROWS, 8))
-        self.next_id, self.t = 0, -math.inf
+        self.next_id, self.t = FIRST_ID, -math.inf
         self.measured, self.shown = make_table(MOST_ROWS, COLUMNS), np.zeros(STATE)  # for kernels/tracking/noise.py
         # Of each track that a laser sees: its radius in m, and in how many scans it was on a circle of that radius.
         self.radius: dict[int, tuple[float, int]] = {}
