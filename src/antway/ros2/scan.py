@@ -18,7 +18,7 @@ from antway.kernels.tracking.noise import COLUMNS, STATE, measured_noise
 from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import make_table, rows_in_use
 from antway.limits import MAX_ANGLE, MAX_PLACE
-from antway.policies.antway.tracker import MOST_ROWS, ids_of, nearest, with_ids
+from antway.policies.antway.tracker import AGILITY, MOST_ROWS, ids_of, nearest, with_ids
 from antway.ros2.frames import Pose, move
 from antway.world.policy import XY, Tracks
 
@@ -39,9 +39,6 @@ class Discs(NamedTuple):
     radius: NDArray[np.float64]  # float64[N], m
     is_circle: NDArray[np.bool_]  # bool[N]; whether the points lie on the disc's rim
     points: list[NDArray[np.float64]]  # of each disc, float64[M, 2], m
-
-
-_AGILITY = 1.0  # m/s^2; expected acceleration of obstacles
 
 
 def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -267,7 +264,7 @@ class ScanTracker:
             seen, noise = self._centred(seen, t, places)
         scan = seen.id, seen.xy, seen.velocity, seen.radius, self._variances(seen, t, noise)
         rows, used, _ = self.table
-        known, _, _ = kalman.update(rows, used, t, *scan, _AGILITY, self.estimates)
+        known, _, _ = kalman.update(rows, used, t, *scan, AGILITY, self.estimates)
         table, estimate = rows[:known], self.estimates[:known]
         if self.radius:  # nothing but a laser shows rims
             self.radius = {one: self.radius[one] for one in ids_of(table).tolist() if one in self.radius}
