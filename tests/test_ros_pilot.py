@@ -24,7 +24,7 @@ from antway.policies.antway import beside
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard_process import GuardProcess
 from antway.ros2 import compile as compiling
-from antway.ros2 import convert, nav2, tours
+from antway.ros2 import convert, nav2, pictures, tours
 from antway.ros2.frames import Odometry
 from antway.ros2.goals import ERROR, OK, STAND, WARN, End, Goal, PilotAnswer
 from antway.ros2.markers import decision_message, predictions, predictions_message
@@ -900,6 +900,20 @@ def test_pheromone_is_shown_where_it_is():
     window = Grid(np.zeros(costs.shape, bool), grid.resolution, corner)
     cell = np.rint(grid.to_points(window.to_xy([[0, 0]])))
     np.testing.assert_allclose(grid.to_xy(cell), window.to_xy([[0, 0]]), atol=1e-9)
+
+
+def test_pheromone_is_shown_at_the_scale_of_its_own_map(monkeypatch) -> None:
+    """While the robot drives on after a map of another resolution came, pheromone and its cells are those of the one before."""
+    sent = []
+    publisher = SimpleNamespace(publish=sent.append, get_subscription_count=lambda: 0)
+    monkeypatch.setattr(pictures, "make", convert.plain)
+    drive = ready()
+    shown = pictures.Pictures(drive.pilot, "map", lambda *_: publisher)
+    drive.step(Tracks(np.arange(2), [[4.0, 2.0], [5.6, 2.0]], [[-0.4, -0.3], [-0.3, -0.3]], [0.5, 0.6]))
+    assert drive.pilot.pheromone() is not None
+    drive.pilot.receive_map(Grid(np.zeros((80, 120), bool), 0.1))
+    shown.show(drive.t)
+    assert [message.info.resolution for message in sent if hasattr(message, "info")] == [np.float32(0.2)]
 
 
 # Robots
