@@ -532,6 +532,27 @@ def test_goals_and_maps_that_come_faster_than_it_plans_do_not_keep_the_robot(mon
     assert drive.pilot.policy.task.goal == drive.pilot.goal.xy and drive.pilot.policy.task.grid == grid
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_the_node_drives_to_every_goal_that_the_policy_takes(yaw: float) -> None:
+    """Whether the robot can stand there is the policy's decision, and not that of the centre of the goal's cell."""
+    blocked = np.zeros((12, 24), bool)
+    blocked[:, 20:] = True
+    grid = Grid(blocked, 0.5, (0.0, 0.0, yaw))
+    for x, y, why in (
+        (9.0, 0.31, ""),
+        (9.0, 0.001, "where the robot can stand"),
+        (11.0, 3.0, "blocked"),
+        (13.0, 3.0, "on the map"),
+    ):
+        drive = Drive()
+        drive.pilot.receive_map(grid)
+        drive.xy, xy = (tuple(grid.to_xy([[y / 0.5 - 0.5, x / 0.5 - 0.5]])[0].tolist()) for x, y in ((2.0, 3.0), (x, y)))
+        drive.pilot.go(Goal(xy))
+        answer = drive.step()
+        assert answer.drives if not why else answer.end is End.REFUSED and why in answer.reason
+        assert not why or f"{xy[0]:.6g}" in answer.reason, "the place is told as it was given"
+
+
 def test_time_for_planning_is_no_lack_of_progress() -> None:
     """On a large map the robot may set out so late that the next odometry comes after `progress_time`."""
     drive = ready(Goal((10.0, 2.0), gives_up=True), progress_time=3.0)

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.errors import BadInput, BadParameter
+from antway.errors import BadInput, BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Grid
-from antway.planning import standing_cell
 from antway.policies.antway.beside import Beside
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import at_scan
@@ -39,13 +38,18 @@ def set_out(settings: Settings, given: Grid, level: tuple[Grid, Pose], goal: Goa
     into = frames.inverse(frame)
     here = frames.move_point(into, xy)
     try:
-        standing_cell("goal", goal.xy, given, inflated(given, settings.robot.radius), settings.robot.radius)
+        given.cell_at(goal.xy)
     except BadInput as wrong:
-        return wrong
+        return wrong.at("", "goal")
     if goal.path is not None:
         grid = corridor(grid, np.vstack((here, frames.move(into, goal.path))), settings.corridor + settings.robot.radius)
     policy = AntwayPolicy(**settings.policy)
-    policy.reset(Task(grid, settings.robot, here, frames.move_point(into, goal.xy), **settings.task), 0)
+    try:
+        policy.reset(Task(grid, settings.robot, here, frames.move_point(into, goal.xy), **settings.task), 0)
+    except (CellBlocked, OutOfBounds) as wrong:
+        if wrong.field != "goal":
+            raise
+        return type(wrong)("goal", goal.xy, wrong.allowed)  # in the map's frame
     if grid is not level[0]:
         policy.set_surroundings(level[0])
     spare_collections()
