@@ -91,6 +91,33 @@ class InPlace(Follow):
         return super().act(observation)
 
 
+class Cleans(Follow):
+    def act(self, observation):
+        np.nan_to_num(observation.tracks.velocity, copy=False)
+        return super().act(observation)
+
+
+class Widens(Follow):
+    def act(self, observation):
+        observation.tracks.radius[:] = 9.0
+        return super().act(observation)
+
+
+class Once(Follow):
+    episodes = 0
+
+    def reset(self, task, seed):
+        self.episodes += 1
+        if self.episodes > 1:
+            raise RuntimeError("it is spent")
+        super().reset(task, seed)
+
+
+class Blocked(Follow):
+    def act(self, observation):
+        raise RuntimeError("it is in the way")
+
+
 class Silent(Follow):
     def act(self, observation):
         super().act(observation)
@@ -108,6 +135,10 @@ class Silent(Follow):
         (Empty, "no scan yet: ValueError"),
         (Turns, "command.twist = .* left out for a robot without wheels"),
         (InPlace, "no scan yet: it changes the observation|an old scan: it changes the observation"),
+        (Cleans, "^NaN: unknown velocities: it changes the observation, which others use as well$"),
+        (Widens, "NaN: unknown velocities: it changes .*an old scan: it changes .*an obstacle in contact: it changes"),
+        (Once, "reset: a second episode differs from the first: .*it is spent"),
+        (Blocked, "fails in a room with a wall and two moving discs: .*it is in the way"),
     ],
 )
 def test_breaches_are_named(kind, printed):

@@ -65,6 +65,16 @@ def test_rosbags_reads_what_was_written(tmp_path, storage):
     check_against(trace, messages, counts, 0.0)
 
 
+def test_a_start_that_no_stamp_holds_is_refused_before_a_folder_is_there(tmp_path) -> None:
+    """Stamps are of 31 bits of seconds, and the last one of the trace has to be, too."""
+    trace = sample_trace(steps=20)
+    for start in (3e9, 2.0**31, 2.0**31 - float(trace.t[-1])):
+        with pytest.raises(BadParameter, match="start = "):
+            save_bag(trace, tmp_path / "bag", start=start)
+        assert not (tmp_path / "bag").exists()
+    assert save_bag(trace, tmp_path / "bag", start=2.0**31 - 1.0 - float(trace.t[-1]))["/odom"] == len(trace) + 1
+
+
 def test_mcap_ros2_support_reads_what_was_written(tmp_path):
     """mcap-ros2-support finds every message of a trace, with its values."""
     trace = sample_trace(steps=60)

@@ -24,7 +24,7 @@ from antway.policies.antway import beside
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard_process import GuardProcess
 from antway.ros2 import compile as compiling
-from antway.ros2 import convert, nav2, tours
+from antway.ros2 import convert, nav2, pictures, tours
 from antway.ros2.frames import Odometry
 from antway.ros2.goals import ERROR, OK, STAND, WARN, End, Goal, PilotAnswer
 from antway.ros2.markers import decision_message, predictions, predictions_message
@@ -72,11 +72,17 @@ def test_a_corridor_is_what_lies_near_the_way():
                 assert np.hypot(*(inside - xy).T).min() < 1e-9
         for _ in range(20):
             other = path[:2] + rng.normal(0.0, 0.7 * width, (2, 2))
-            cells = np.floor(part.to_points(other) + 0.5).astype(int).tolist()
+            steps = max(math.ceil(2.0 * np.abs(np.diff(other, axis=0)).max() / 0.25), 1)  # each of half a cell at most
+            cells = np.floor(part.to_points(np.linspace(*other, steps + 1)) + 0.5).astype(int).tolist()
             assert keeps_near(grid, path, other, width) == all(part.is_free((row, col)) for row, col in cells)
     straight = np.array([[1.0, 1.0], [9.0, 1.0]])
     assert keeps_near(ROOM, straight, straight + np.array([0.0, 0.4]), 0.5)
     assert not keeps_near(ROOM, straight, np.array([[1.0, 1.0], [9.0, 3.0]]), 0.5)
+    detour, other = np.array([[1.0, 6.0], [1.0, 1.0], [11.0, 1.0], [11.0, 6.0]]), np.array([[1.0, 6.0], [11.0, 6.0]])
+    assert not keeps_near(ROOM, detour, other, 1.0), "the ends alone are near"
+    walls = ROOM.blocked.copy()
+    walls[5, 30] = True
+    assert not keeps_near(replace(ROOM, blocked=walls), straight + 0.1, straight + 0.1, 0.5), "there is a wall between the ends"
 
 
 def test_tracking_measures_from_the_nearest_point():
@@ -381,6 +387,22 @@ def test_odometry_that_is_back_does_not_cut_the_stop_short(back: float, commands
     assert sent == [(0.0, 0.5)] * (commands - 1) + [None] * (5 - commands)
 
 
+@pytest.mark.parametrize("rate", [10.0, 20.0])
+def test_odometry_whose_stamp_stands_still_is_not_driven_on(rate: float) -> None:
+    """Such odometry, and messages that come twice, have no answer, so the robot brakes two periods after its last command."""
+    drive = ready(**INERTIA)
+    last = drive.now
+    for _ in range(20):
+        answer = drive.step(dt=1.0 / rate, passed=1.0 / rate)
+        last = drive.now if answer is not None else last
+        assert drive.step(dt=0.0, passed=0.0) is None, "the same message again"
+    braked = []
+    while not braked and drive.now < last + 1.0:
+        assert drive.step(dt=0.0, passed=1.0 / rate) is None, drive.now - last
+        braked = list(filter(None, [drive.pilot.silent(drive.now - last, drive.now - last)]))
+    assert drive.now - last <= 0.3 + 1e-9 and braked[0].reason == "brake: no odometry for 2 control periods"
+
+
 def test_a_slow_simulation_is_not_silent() -> None:
     """Where the clock of the simulation is slow, `held` is by that clock, and the time-out by a steady one."""
     drive = ready(**INERTIA)
@@ -454,10 +476,10 @@ def test_odometry_that_was_overtaken_is_dropped() -> None:
 
 
 def test_the_robot_stands_while_a_thread_plans_on_a_large_map(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Meanwhile every odometry is answered, a refreshed path changes nothing, and another goal is planned for instead."""
-    run, go_on, planned = beside.Beside._run, threading.Event(), []
+    """Meanwhile every odometry is answered, a refreshed path changes nothing, and another goal is planned for on the way."""
+    run, go_on, started = beside.Beside._run, threading.Event(), []
     monkeypatch.setattr(beside, "_AT_ONCE", 0)
-    monkeypatch.setattr(beside.Beside, "_run", lambda self, work: (go_on.wait(60.0), planned.append(1), run(self, work)))
+    monkeypatch.setattr(beside.Beside, "_run", lambda self, work: (started.append(1), go_on.wait(60.0), run(self, work)))
     drive = Drive()
     drive.pilot.receive_map(ROOM)
     way = np.array([[2.0, 2.0], [10.0, 2.0]])
@@ -467,14 +489,10 @@ def test_the_robot_stands_while_a_thread_plans_on_a_large_map(monkeypatch: pytes
             answer = drive.step()
             assert answer.command is STAND and "plans" in answer.reason
     drive.pilot.go(Goal((2.0, 3.2)))
-    assert "plans" in drive.step().reason
+    assert "plans" in drive.step().reason and len(started) == 1
     go_on.set()
-    for _ in range(200):
-        answer = drive.step()
-        if answer.drives:
-            break
-        time.sleep(0.02)
-    assert answer.command.velocity[1] > 0.5 and len(planned) == 2
+    assert until(drive, lambda answer: answer.drives).command.velocity[0] > 0.5, "it drives to the first goal"
+    until(drive, lambda answer: answer.command.velocity[1] > 0.5)
     drive.pilot.go(Goal((-5.0, 2.0)))
     for _ in range(200):
         answer = drive.step()
@@ -482,6 +500,57 @@ def test_the_robot_stands_while_a_thread_plans_on_a_large_map(monkeypatch: pytes
             break
         time.sleep(0.02)
     assert answer.end is End.REFUSED
+
+
+@pytest.mark.parametrize("what", ["goal", "map", "dropped"])
+def test_goals_and_maps_that_come_faster_than_it_plans_do_not_keep_the_robot(monkeypatch, what: str) -> None:
+    """One thread plans at a time, and the robot sets out by its plan; not so to a goal that was dropped meanwhile."""
+    run, go_on, started, grid = beside.Beside._run, threading.Event(), [], ROOM
+    monkeypatch.setattr(beside, "_AT_ONCE", 0)
+    monkeypatch.setattr(beside.Beside, "_run", lambda self, work: (started.append(1), go_on.wait(60.0), run(self, work)))
+    drive = Drive()
+    drive.pilot.receive_map(ROOM)
+    for k in range(5):
+        if what == "map":
+            blocked = ROOM.blocked.copy()
+            blocked[12, 8 + k] = True  # in sight of the robot
+            grid = Grid(blocked, 0.2)
+            drive.pilot.receive_map(grid)
+        if what == "dropped" and k > 0:
+            drive.pilot.drop("on request")
+        if what != "map" or k == 0:
+            drive.pilot.go(Goal((10.0, 2.0) if k == 0 else (2.0, 5.0 + 0.4 * k)))
+        assert "plans" in drive.step().reason
+    assert len(started) == 1
+    go_on.set()
+    velocity = until(drive, lambda answer: answer.drives).command.velocity
+    assert velocity[1] > 0.5 if what == "dropped" else velocity[0] > 0.5
+    if what == "map":
+        guarded = drive.pilot.policy.guard.grid
+        assert guarded.blocked[guarded.cell_at(grid.centre((12, 12)))], "it keeps off the walls on the newest map"
+    planned_for(drive, drive.pilot.goal)
+    assert drive.pilot.policy.task.goal == drive.pilot.goal.xy and drive.pilot.policy.task.grid == grid
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_the_node_drives_to_every_goal_that_the_policy_takes(yaw: float) -> None:
+    """Whether the robot can stand there is the policy's decision, and not that of the centre of the goal's cell."""
+    blocked = np.zeros((12, 24), bool)
+    blocked[:, 20:] = True
+    grid = Grid(blocked, 0.5, (0.0, 0.0, yaw))
+    for x, y, why in (
+        (9.0, 0.31, ""),
+        (9.0, 0.001, "where the robot can stand"),
+        (11.0, 3.0, "blocked"),
+        (13.0, 3.0, "on the map"),
+    ):
+        drive = Drive()
+        drive.pilot.receive_map(grid)
+        drive.xy, xy = (tuple(grid.to_xy([[y / 0.5 - 0.5, x / 0.5 - 0.5]])[0].tolist()) for x, y in ((2.0, 3.0), (x, y)))
+        drive.pilot.go(Goal(xy))
+        answer = drive.step()
+        assert answer.drives if not why else answer.end is End.REFUSED and why in answer.reason
+        assert not why or f"{xy[0]:.6g}" in answer.reason, "the place is told as it was given"
 
 
 def test_time_for_planning_is_no_lack_of_progress() -> None:
@@ -652,6 +721,20 @@ def test_only_goals_that_give_up_end_by_waiting_or_without_progress():
         assert ends == ([End.WAITED, End.STUCK] if gives_up else [])
     drive = ready(Goal((10.0, 2.0), gives_up=True), wait_timeout=1.0)
     assert drive.pilot.silent(0.8, 0.8).end is None and drive.pilot.silent(1.2, 1.2).end is End.WAITED
+
+
+def test_silence_before_a_goal_is_no_waiting_for_it() -> None:
+    """Odometry has `wait_timeout` from the goal on, and again once it was back, to come."""
+    drive = Drive(wait_timeout=1.0)
+    pilot = drive.pilot
+    assert pilot.silent(60.0, 60.0) is None, "no goal"
+    pilot.go(Goal((10.0, 2.0), gives_up=True))
+    assert pilot.silent(60.1, 60.1).end is None and pilot.silent(60.9, 60.9).end is None
+    pilot.go(Goal((10.0, 2.0), gives_up=True))
+    assert pilot.silent(61.1, 61.1).end is End.WAITED
+    pilot.go(Goal((10.0, 2.0), gives_up=True))
+    drive.step()
+    assert pilot.silent(0.2, 0.2) is None and pilot.silent(0.9, 0.9).end is None and pilot.silent(1.1, 1.1).end is End.WAITED
 
 
 def test_what_the_robot_was_told_before_it_stood_acts_no_more() -> None:
@@ -840,6 +923,20 @@ def test_pheromone_is_shown_where_it_is():
     np.testing.assert_allclose(grid.to_xy(cell), window.to_xy([[0, 0]]), atol=1e-9)
 
 
+def test_pheromone_is_shown_at_the_scale_of_its_own_map(monkeypatch) -> None:
+    """While the robot drives on after a map of another resolution came, pheromone and its cells are those of the one before."""
+    sent = []
+    publisher = SimpleNamespace(publish=sent.append, get_subscription_count=lambda: 0)
+    monkeypatch.setattr(pictures, "make", convert.plain)
+    drive = ready()
+    shown = pictures.Pictures(drive.pilot, "map", lambda *_: publisher)
+    drive.step(Tracks(np.arange(2), [[4.0, 2.0], [5.6, 2.0]], [[-0.4, -0.3], [-0.3, -0.3]], [0.5, 0.6]))
+    assert drive.pilot.pheromone() is not None
+    drive.pilot.receive_map(Grid(np.zeros((80, 120), bool), 0.1))
+    shown.show(drive.t)
+    assert [message.info.resolution for message in sent if hasattr(message, "info")] == [np.float32(0.2)]
+
+
 # Robots
 
 
@@ -943,6 +1040,41 @@ def turned(pilot: Pilot, steps: int, t: float = 0.0) -> tuple[float, list]:
     return heading, answers
 
 
+@pytest.mark.parametrize("large", [False, True])
+def test_a_robot_that_turns_and_is_found_elsewhere_stops_to_turn(monkeypatch, large: bool) -> None:
+    """Noise of its place does not matter. Farther away it brakes by the turn's guard, plans anew, and only then drives."""
+    run, go_on = beside.Beside._run, threading.Event()
+    monkeypatch.setattr(beside, "_AT_ONCE", 0 if large else 2**16)
+    monkeypatch.setattr(beside.Beside, "_run", lambda self, work: (go_on.wait(60.0), run(self, work)))
+    pilot = Pilot(settings(**INERTIA, yaw_tolerance=0.1))
+    pilot.receive_map(ROOM)
+    pilot.go(Goal((6.0, 2.0), yaw=3.0))
+    heading, answers = turned(pilot, 8)
+    t, rate = 0.8, answers[-1].command.twist[1]
+
+    def step(x: float) -> PilotAnswer:
+        nonlocal t, rate
+        pilot.scan = (t, NOBODY)
+        answer = pilot.receive_odometry(Odometry(t, (x, 2.0), (0.0, 0.0), heading, rate), t)
+        t, rate = t + 0.1, (answer.command.twist or (0.0, 0.0))[1]
+        return answer
+
+    assert rate > 0.5 and "turns" in step(6.29).reason and "turns" in step(5.71).reason
+    answers = [step(6.31)]
+    assert "no longer at the goal" in answers[0].reason
+    while answers[-1].drives and len(answers) < 20:
+        answers.append(step(6.31))
+    assert not answers[-1].drives, "the turn is braked"
+    if large:
+        assert [step(6.31).reason for _ in range(3)] == ["the robot plans before it sets out"] * 3
+        go_on.set()
+    for _ in range(200):
+        if step(6.31).drives:
+            break
+        time.sleep(0.01)
+    assert pilot.guard is pilot.policy.guard
+
+
 def test_a_robot_that_cannot_turn_to_the_yaw_says_so_and_gives_up() -> None:
     """A long footprint in a narrow corridor stands askew: the guard brakes, and a goal that gives up ends without progress."""
     blocked = np.ones((40, 120), bool)
@@ -1022,8 +1154,8 @@ class Piloted:
         for answer in filter(None, answers):
             self.answer = answer
             self.ends += [answer.end] * (answer.end is not None)
-        if pilot.planning is not None:
-            pilot.planning[2].result()  # simulations are faster than real time
+        if pilot.outset.making is not None:
+            pilot.outset.making.work.result()  # simulations are faster than real time
         return Command(twist=(0.0, 0.0)) if self.answer.command is STAND else self.answer.command
 
     def explain(self) -> Decision:

@@ -15,7 +15,7 @@ from antway.errors import BadParameter
 from antway.ros2 import frames
 from antway.ros2.goals import Goal
 from antway.ros2.pilot import Pilot
-from antway.ros2.scan import Background, Laser, ScanTracker, discs, newest_reached, read_points, without_ids
+from antway.ros2.scan import FIRST_ID, Background, Laser, ScanTracker, discs, newest_reached, read_points, without_ids
 from antway.ros2.settings import Settings
 from antway.scenes import scene
 from antway.world.policy import Command, Decision, Observation, Tracks
@@ -232,7 +232,7 @@ def test_the_tracker_names_and_measures():
             order = rng.permutation(n)
             xy = start + velocity * np.array([0.0, 1.0]) * t + rng.normal(0, 0.01, (n, 2))
             tracks = tracker.update(t, without_ids(xy[order], np.full(n, 0.3)))
-        assert sorted(tracks.id) == list(range(n)) and len({*tracks.id.tolist()}) == n
+        assert sorted(tracks.id) == list(range(FIRST_ID, FIRST_ID + n)) and len({*tracks.id.tolist()}) == n
         column = np.rint(tracks.xy[:, 0] / 3.0).astype(int)
         np.testing.assert_allclose(tracks.velocity[:, 1], velocity[column, 1], atol=0.12)
         assert (tracks.covariance.diagonal(axis1=1, axis2=2) > 0.0).all()
@@ -244,6 +244,27 @@ def test_the_tracker_names_and_measures():
     assert ScanTracker().update(0.0, named) is named
     unknown = replace(named, velocity=np.full((1, 2), math.nan))
     assert ScanTracker().update(0.0, unknown).id.tolist() == [7]
+
+
+@pytest.mark.parametrize("what", ["another has none", "stated", "exact"])
+def test_measured_velocities_are_as_wrong_as_they_are(what: str) -> None:
+    """They are not exact because a name, or the velocity of another track, is missing; errors that are stated count."""
+    rng, tracker, found = np.random.default_rng(0), ScanTracker(), []
+    noise, names = (0.0 if what == "exact" else 0.4), [-1, 8] if what == "stated" else [7, 8]
+    covariance = np.diag([0.05**2, 0.05**2, noise**2, noise**2])[None].repeat(2, axis=0) if what == "stated" else None
+    for k in range(150):
+        t, velocity = 0.1 * k, np.array([[0.5, 0.0], [0.0, 0.0]]) + rng.normal(0.0, noise, (2, 2))
+        if what != "stated":
+            velocity[1] = math.nan
+        xy = np.array([[1.0 + 0.5 * t, 1.0], [8.0, 8.0]]) + rng.normal(0.0, noise / 8.0, (2, 2))
+        tracks = tracker.update(t, Tracks(names, xy, velocity, [0.3, 0.3], covariance))
+        found.append((*(tracks.velocity[0] - (0.5, 0.0)), *np.sqrt(np.diagonal(tracks.covariance[0]))))
+    vx, vy, place, _, speed, _ = np.array(found[30:]).T
+    error = math.hypot(vx.std(), vy.std()) / math.sqrt(2.0)
+    if what == "exact":
+        assert error < 1e-6 and speed.max() < 1e-6
+    else:
+        assert error < 0.2 and 0.5 < speed.mean() / error < 2.0 and 0.01 < place.mean() < 0.05
 
 
 def test_nameless_tracks_are_told_apart_by_nearness() -> None:
@@ -287,8 +308,17 @@ def test_numbers_that_are_missing_or_occur_twice_are_replaced() -> None:
         np.ones(4),
     )
     first = tracker.update(0.0, Tracks(np.array([4, -1, 7, 7]), xy, velocity, radius)).id.tolist()
-    assert first == [4, 0, 1, 2]
+    assert first == [4, FIRST_ID, FIRST_ID + 1, FIRST_ID + 2]
     assert tracker.update(0.1, Tracks(np.array([-1, 4, -1, -1]), xy[[1, 0, 3, 2]], velocity, radius)).id.tolist() == first
+
+
+def test_own_numbers_are_none_that_a_sensor_gives() -> None:
+    """Somebody with the number 0 who comes after one without a number is not taken for the same one, who ran."""
+    tracker, nan, radius = ScanTracker(), np.full((1, 2), math.nan), np.full(1, 0.3)
+    for k in range(5):
+        nameless = tracker.update(0.1 * k, Tracks([-1], [[1.0, 1.0]], nan, radius))
+    both = tracker.update(0.5, Tracks([0], [[5.0, 5.0]], nan, radius))
+    assert len(both) == 2 and set(both.id.tolist()) == {*nameless.id.tolist(), 0} and not both.velocity.any()
 
 
 def test_what_passes_behind_another_keeps_its_velocity() -> None:

@@ -400,6 +400,21 @@ def test_tf_is_heard_anew_when_time_goes_back(made) -> None:
         assert node.pilot.odometry.t == pytest.approx(start + 0.4) and node.pilot.odometry.xy == (3.0, 2.0)
 
 
+def test_a_goal_in_another_frame_before_odometry_is_told_so(made) -> None:
+    """Without odometry no age of a transform is known; it was told as -500.00 s. A static one has no age."""
+    node, buffer = made(), Buffer()
+    node.transforms.tf2, node.transforms.buffer = SimpleNamespace(TransformException=LookupError), buffer
+    message = goal(6.0, 2.0)
+    message.header.frame_id = "odom"
+    for stamp in (500.0, 0.0):
+        buffer.stamps[:] = [stamp]
+        node.heard_on["goal_pose"](message)
+        assert (node.pilot.goal is None) == (stamp > 0.0) and "there is no odometry yet" in " ".join(
+            said for _, said in node.said
+        )
+    assert node.pilot.goal.xy == (7.0, 2.0)
+
+
 SCAN = {"angle_min": -math.pi, "angle_increment": math.pi / 360, "range_min": 0.05, "range_max": 8.0}
 
 

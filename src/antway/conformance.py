@@ -12,6 +12,7 @@ import math
 import random
 import time
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from antway.world.scenario import Scenario
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
 
+_SENSED = "id", "xy", "velocity", "radius"  # of the tracks of an observation
 OVERRUN = 0.5  # s; by how much a planner may exceed its time limit, on a slow machine
 
 
@@ -59,7 +61,7 @@ def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
     before = _global_state()
     first = run(scenario, policy, seed=1)
     if first.outcome.value == "error":
-        raise InvalidPlan([f"fails in an empty room: {first.reason}"])
+        raise InvalidPlan([f"fails in a room with a wall and two moving discs: {first.reason}"])
     if _global_state() != before:
         faults.append("global state: it changes the random state of NumPy or of Python")
     if first.trace is not None and not np.isfinite(first.trace.command).all():
@@ -71,7 +73,7 @@ def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
         again = run(scenario, player, seed=1)
         assert first.trace is not None and again.trace is not None
         if not np.array_equal(first.trace.command, again.trace.command, equal_nan=True):
-            faults.append(fault)
+            faults.append(f"{fault}: {again.reason}" if again.outcome.value == "error" else fault)
     faults += _odd_observations(make, scenario.task)
     if faults:
         raise InvalidPlan(faults)
@@ -167,8 +169,8 @@ def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
         "an obstacle in contact": replace(typical, tracks=replace(tracks, xy=np.array([task.start, (5.0, 1.0)]))),
     }
     faults = []
-    for name, observation in unusual.items():
-        policy, places = make(), observation.tracks.xy.copy()
+    for name, unchanged in unusual.items():
+        policy, observation = make(), deepcopy(unchanged)
         if isinstance(policy, Foresees):
             policy.foresee(_scenario().world.timeline(0, 20.0))
         try:
@@ -178,7 +180,8 @@ def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
         except Exception as error:  # any exception of a third party is reported
             faults.append(f"{name}: {type(error).__name__}: {error}")
             continue
-        if not np.array_equal(observation.tracks.xy, places):
+        seen, before = observation.tracks, unchanged.tracks
+        if not all(np.array_equal(getattr(seen, part), getattr(before, part), equal_nan=True) for part in _SENSED):
             faults.append(f"{name}: it changes the observation, which others use as well")
         if command is not None and not all(math.isfinite(part) for part in command.velocity):
             faults.append(f"{name}: its command {command.velocity} is not finite")

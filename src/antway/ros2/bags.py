@@ -18,7 +18,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from antway import checks
-from antway.errors import BadInput, BadMap, BadScenario, TooLarge
+from antway.errors import BadInput, BadMap, BadParameter, BadScenario, TooLarge
 from antway.grid import Grid
 from antway.reading import check_yaml, limit_process, read_bytes
 from antway.ros2 import convert
@@ -83,12 +83,16 @@ def save_bag(trace: Trace, path: str | Path, *, storage: str = "mcap", start: fl
     Raises
     ------
     BadParameter
-        For a storage other than mcap and sqlite3.
+        For a storage other than mcap and sqlite3, and a `start` with which the trace ends at 2^31 s or later.
     BadScenario
         If `path` exists.
     """
     plugin = STORES[checks.choice("storage", storage, STORES)]
-    start = checks.number("start", start, low=0.0, unit="s")
+    start, last = checks.number("start", start, low=0.0, unit="s"), float(trace.t[-1])
+    if start + last >= 2.0**31:
+        raise BadParameter(
+            "start", start, f"so early that the trace, of {last:g} s, ends before 2^31 s: stamps hold no later times"
+        )
     path = Path(path)
     if path.exists():
         raise BadScenario("bag", str(path), "a folder that does not exist yet")

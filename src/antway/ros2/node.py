@@ -208,7 +208,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def frame(self, name: str) -> Pose:
         """Return the pose of the frame `name` in the map's."""
-        t = self.pilot.odometry.t if self.pilot.odometry else 0.0
+        t = self.pilot.odometry.t if self.pilot.odometry else -math.inf
         return self.transforms.pose(name, self.settings.frame, t, self.settings.timeout)
 
     def _read(self, what: str, read: Callable[[Any], T], message: Any) -> T | None:

@@ -59,12 +59,19 @@ def _window(grid: Grid, cells: NDArray[np.int64], pad: float) -> tuple[Grid, NDA
 
 
 def keeps_near(grid: Grid, path: NDArray[np.float64], other: NDArray[np.float64], width: float) -> bool:
-    """Tell whether every vertex of the path `other` is in a free cell of `grid` that `corridor` leaves around `path`."""
-    along, cells = _cells_along(grid, path), _cells_of(grid, other)
-    along = along[((along >= 0) & (along < grid.shape)).all(axis=1)]
-    free = all(grid.is_free((row, col)) for row, col in cells.tolist())
+    """Tell whether the path `other` leads through free cells of `grid` that `corridor` leaves around `path` alone.
+
+    Raises
+    ------
+    BadParameter
+        For a path that is longer than any on a map.
+    """
+    along, cells = _cells_along(grid, path), _cells_along(grid, other)
+    along, inside = (one[((one >= 0) & (one < grid.shape)).all(axis=1)] for one in (along, cells))
+    if len(inside) < len(cells) or grid.blocked[tuple(cells.T)].any():
+        return False
     away = np.asarray(scipy.spatial.cKDTree(along).query(cells)[0]) * grid.resolution
-    return free and bool((away <= width).all())
+    return bool((away <= width).all())
 
 
 def _cells_along(grid: Grid, path: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -37,9 +37,9 @@ class Pictures:
             self.decisions.publish(decision_message(decision, pilot.odometry.xy, tracks, t, make, frame=frame))
             if decision.path is not None:
                 self.plan.publish(convert.path_message(decision.path.xy, make, t=t, frame=frame))
-            costs = pilot.pheromone()
-            if costs is not None:
-                message = convert.costs_message(costs[0], pilot.grid.resolution, costs[1], make, t=t, frame=frame)
+            costs, policy = pilot.pheromone(), pilot.policy
+            if costs is not None and policy is not None:  # which may drive on a map before the newest one
+                message = convert.costs_message(costs[0], policy.task.grid.resolution, costs[1], make, t=t, frame=frame)
                 self.pheromone.publish(message)
         if self.predictions.get_subscription_count():
             lines = pilot.predictions(SEEN_AHEAD)

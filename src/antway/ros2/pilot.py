@@ -7,7 +7,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +14,16 @@ from numpy.typing import NDArray
 from antway.errors import BadInput
 from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
-from antway.policies.antway.beside import Beside
 from antway.policies.antway.explain import CUT_OFF
 from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.guard import Guard, at_scan
+from antway.policies.guard import Guard
 from antway.policies.guard_process import SILENT, GuardProcess
 from antway.ros2 import frames
 from antway.ros2.frames import Odometry, Pose
 from antway.ros2.goals import ERROR, OK, STAND, WARN, End, Goal, PilotAnswer
 from antway.ros2.markers import predictions, shades
-from antway.ros2.outset import same_path, set_out
-from antway.ros2.path import around, length_after
+from antway.ros2.outset import Outset, Planned, observed, same_path, sensed_part
+from antway.ros2.path import length_after
 from antway.ros2.settings import Settings
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.robots import towards
@@ -34,6 +32,7 @@ ODOMETRY, OBSTACLES = "odometry", "obstacles"
 GUARD_ENDED = "the guard's process has ended: deactivate, clean up, configure and activate the node, which starts another one"
 LATE = 2.0  # control periods; a robot brakes if odometry has not answered its last command for longer than this
 _LOOP = 5.0  # tolerances at the goal; a path that is longer than this, and ends where the robot is, is a loop
+_TURNS = 1.5  # tolerances at the goal; a robot that turns there goes on within this, because its place is noisy
 SLOW = 1.5  # control periods; a robot stands if odometry comes, at the median, more slowly than this
 
 
@@ -57,7 +56,7 @@ class Pilot:
         self.sent = np.zeros((settings.robot.late_commands, 2))  # commands that do not act yet
         self.policy: AntwayPolicy | None = None
         self.bound_for: Goal | None = None  # the goal that the policy drives to: not yet a new one
-        self.planning: tuple[Grid, Goal, Beside[AntwayPolicy | BadInput]] | None = None  # for a map and a goal
+        self.outset = Outset(settings)
         self.turner: Guard | None = None  # while it turns in place at a goal
         self.guard: Guard | GuardProcess | None = None  # keeps the stop that follows the last command; None: STAND stops it
         self.guard_frame = self.frame  # in which that stop is
@@ -68,11 +67,13 @@ class Pilot:
         self.now = self.answered = -math.inf  # s of a steady clock; when odometry last arrived, and was last answered
         self.gaps: deque[float] = deque(maxlen=11)  # s; between the stamps of the latest odometry
         self.missed = 0  # number of control periods in which the robot brakes because odometry is late
+        self.silence = 0.0  # s; for how long there has been no odometry, as `silent` was last told
         self._restart()
 
     def _restart(self) -> None:
         """Forget since when the robot waits, and when and where it last made progress."""
         self.waiting_since, self.progress = math.nan, (math.nan, (0.0, 0.0))
+        self.silent_before = self.silence  # s; which does not count as waiting for the goal
 
     # What comes in
 
@@ -87,7 +88,7 @@ class Pilot:
         self.grid, self.frame = frames.level(grid)
         policy, o, stands = self.policy, self.odometry, self.turner is not None or self.guard_process is not None
         if policy is not None and o is not None and not stands and self.frame == before:
-            near = around(self.grid, frames.move_point(frames.inverse(self.frame), o.xy), self.settings.robot.sensor_range)
+            near = sensed_part(self.settings, (self.grid, self.frame), o.xy)
             if near is not None:
                 policy.set_surroundings(near)
                 return PilotAnswer(self.command, WARN, "the map has changed")
@@ -120,7 +121,7 @@ class Pilot:
         reason = f"the goal {frames.shown(before.xy)} is pre-empted by {frames.shown(goal.xy)}"
         if self.policy is None:
             return self._hold(OK, reason, End.REPLACED)
-        if self._same_path(before, goal):
+        if same_path(before, goal, (self.grid, self.frame), self.settings.corridor):
             # The place stays, too: small steps of it would add up, and the policy would stand where the goal has been.
             self.goal, reason = replace(goal, xy=before.xy, path=before.path), "the path is refreshed"
             self.bound_for = self.goal if self.bound_for is before else self.bound_for
@@ -129,7 +130,8 @@ class Pilot:
     def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> PilotAnswer:
         """Stop, and end the goal."""
         done = None if self.goal is None else end
-        self.goal = self.policy = self.turner = self.planning = None
+        self.goal = self.policy = self.turner = None
+        self.outset.forget()
         return self._hold(level, reason, done)
 
     def silent(self, seconds: float, held: float) -> PilotAnswer | None:
@@ -140,6 +142,7 @@ class Pilot:
         by one command in each, until odometry is back: so late it is lost, and does not just jitter.
         """
         dt, timeout = self.settings.robot.dt, self.settings.timeout
+        self.silent_before, self.silence = self.silent_before if seconds >= self.silence else 0.0, seconds
         over = max(held / dt - (1.5 if self._stopping else LATE), (seconds - timeout) / dt)
         if over <= self.missed or (self.goal is None and not self._stopping):
             return None
@@ -155,7 +158,8 @@ class Pilot:
         if seconds <= timeout:
             return self._hold(WARN, self._fault(ODOMETRY) or f"brake: no odometry for {LATE:g} control periods")
         reason = self._fault(ODOMETRY) or f"no odometry for {timeout:g} s"
-        if self.goal is not None and self.goal.gives_up and seconds > self.settings.wait_timeout:
+        waited = seconds - self.silent_before
+        if self.goal is not None and self.goal.gives_up and waited > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
         return self._hold(ERROR, reason)
 
@@ -172,23 +176,25 @@ class Pilot:
         """Receive odometry that arrived at `now` s of a steady clock; answer once in each control period.
 
         A jump of odometry's clock is answered at once: it went back, or forward by `timeout` more than the steady one. What is
-        older by no more than a control period was overtaken by a newer message, and is dropped.
+        older by no more than a control period was overtaken by a newer message, and is dropped. A stamp that stands still is
+        answered no more.
         """
         before, dt = self.odometry, self.settings.robot.dt
         if self.is_late(odometry.t):
             return None
         self.odometry, passed, self.now = odometry, now - self.now, now
-        if before is not None and not 0.0 <= odometry.t - before.t <= self.settings.timeout + passed:
+        gap = 0.0 if before is None else odometry.t - before.t
+        if not 0.0 <= gap <= self.settings.timeout + passed:
             self.scan = self.policy = self.turner = None  # earlier observations and plans are invalid now
             self.brake()
             self.due = -math.inf if self.guard is None else odometry.t + dt
             self.missed, self.answered = 0, now
             self._restart()
             self.gaps.clear()
-            return self._hold(WARN, f"odometry's clock jumped by {odometry.t - before.t:.3f} s")
-        if before is not None and odometry.t > before.t:
-            self.gaps.append(odometry.t - before.t)
-        every = self.period() > 0.9 * dt and not self._stopping  # odometry that jitters by more than a quarter, too
+            return self._hold(WARN, f"odometry's clock jumped by {gap:.3f} s")
+        if gap > 0.0:
+            self.gaps.append(gap)
+        every = gap > 0.0 and self.period() > 0.9 * dt and not self._stopping  # if it jitters by more than a quarter, too
         if odometry.t < self.due - dt / 4 and not every:
             return None
         self.due = (odometry.t if every or odometry.t - self.due >= dt else self.due) + dt
@@ -256,7 +262,7 @@ class Pilot:
         """Return the command of a control period, or why the robot stands."""
         settings, t, xy, tolerance = self.settings, odometry.t, odometry.xy, self.settings.task["goal_tolerance"]
         anew = self.policy is None or self.bound_for is not goal
-        if math.dist(goal.xy, xy) <= tolerance:
+        if math.dist(goal.xy, xy) <= tolerance * (1.0 if self.turner is None else _TURNS):
             if anew and goal.path is not None and length_after(goal.path, xy, tolerance) > _LOOP * tolerance:
                 reason = "the path is refused: it ends where the robot is, and loops are not driven"
                 return self.drop(reason, End.REFUSED, ERROR)
@@ -278,6 +284,10 @@ class Pilot:
             age, late = ("older", "the sensor") if stamp < t else ("newer", "odometry")
             reason = f"obstacles are {abs(t - stamp):.2f} s {age} than odometry: {late} is silent, or its clock is late"
             return self._wait(t, ERROR, reason)
+        if self.turner is not None:  # the guard of the turn knows how it stops
+            self.policy = self.turner = None
+            self.brake(t)
+            return self._hold(OK, "brakes, because it is no longer at the goal")
         if anew:
             try:
                 refused = self._set_out(goal, self.map, odometry)
@@ -294,7 +304,7 @@ class Pilot:
         elif goal.gives_up and t - self.progress[0] > settings.progress_time:
             self.brake(t)
             return self.drop(f"no progress in {settings.progress_time:g} s", End.STUCK, ERROR)
-        found = self._passed(self.policy.act, self._seen(odometry, self.started, self.scan), self.started)
+        found = self._passed(self.policy.act, observed(self.frame, odometry, self.scan, self.sent, self.started), self.started)
         if isinstance(found, PilotAnswer):
             return found
         passed, did = found
@@ -307,14 +317,6 @@ class Pilot:
         if did == "braked" and decision.guard != did:
             return PilotAnswer(self.command, WARN, "brake: the guard's process had no command in time, or let none pass")
         return PilotAnswer(self.command, OK, f"{decision.action}: {decision.reason}")
-
-    def _seen(self, odometry: Odometry, start: float, scan: tuple[float, Tracks]) -> Observation:
-        """Return what is observed in the policy's frame at the time of odometry or, if later, of the scan, from `start` s."""
-        into, sent = frames.inverse(self.frame), self.sent if len(self.sent) else None
-        t, xy, velocity, heading, turn_rate = frames.move_odometry(into, odometry)
-        tracks, stamp = frames.move_tracks(into, scan[1]), scan[0] - start
-        seen = Observation(t - start, xy, velocity, heading, tracks, stamp, turn_rate, sent)
-        return at_scan(seen) if stamp > seen.t else seen
 
     def _passed(
         self, decide: Callable[[Observation], Command], seen: Observation, start: float
@@ -363,7 +365,7 @@ class Pilot:
             self.policy = None
             self.brake(t)
             return self._hold(OK, "brakes before it turns to the goal's yaw")
-        seen = self._seen(odometry, 0.0, self.scan)
+        seen = observed(self.frame, odometry, self.scan, self.sent)
         _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), odometry.heading, settings.robot)
         if self.turner is None:
             self.progress = (t, odometry.xy)
@@ -403,30 +405,27 @@ class Pilot:
     def _set_out(self, goal: Goal, grid: Grid, odometry: Odometry) -> BadInput | None:
         """Set out for a goal, once a thread has planned where the robot drives or the map is large; return why it is refused.
 
-        While the robot drives, a plan for an earlier goal is finished first: goals may come faster than it plans.
+        A plan for an earlier goal or map is finished first and driven on the way, because they may come faster than it plans.
+        On an earlier map the robot keeps off the walls that are around it now.
         """
-        made, drives = self.planning, self.policy is not None
-        if made is None or made[0] is not grid or not (drives or made[1] is goal or self._same_path(made[1], goal)):
-            work = partial(set_out, self.settings, grid, (self.grid, self.frame), goal, odometry.xy)
-            made = self.planning = grid, goal, Beside(grid.blocked.size, 0.0, work, 0 if drives else None)
-        if not made[2].done:
+        level = self.grid, self.frame
+        found = self.outset.plan(grid, level, goal, odometry.xy, self.policy is not None)
+        if not isinstance(found, Planned):
+            return found
+        planned, near = found.policy, None if found.grid is grid else sensed_part(self.settings, level, odometry.xy)
+        if found.grid is not grid and near is None:
             return None
-        self.planning = None
-        planned = made[2].result()
-        if isinstance(planned, BadInput):
-            return planned if made[1] is goal else None
         if self.policy is None:
             if self.guard_process is not None:
                 self.guard_process.reset(replace(planned.task, grid=self.grid))
             self.started, self.progress = odometry.t, (math.nan, odometry.xy)
         else:
             planned.take_over(self.policy, odometry.t - self.started)
-        self.policy, self.bound_for = planned, goal if self._same_path(made[1], goal) else made[1]
+        if near is not None:
+            planned.set_surroundings(near)
+        bound_for = goal if same_path(found.goal, goal, level, self.settings.corridor) else found.goal
+        self.policy, self.bound_for = planned, bound_for if near is None else None
         return None
-
-    def _same_path(self, before: Goal, goal: Goal) -> bool:
-        """Tell whether `goal` is the previous one, without a path or with one in the inner half of the same corridor."""
-        return same_path(before, goal, (self.grid, self.frame), self.settings.corridor)
 
     # What is shown
 

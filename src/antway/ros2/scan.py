@@ -14,10 +14,11 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.tracking import kalman
+from antway.kernels.tracking.noise import COLUMNS, STATE, measured_noise
 from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import make_table, rows_in_use
 from antway.limits import MAX_ANGLE, MAX_PLACE
-from antway.policies.antway.tracker import MOST_ROWS, ids_of, nearest, with_ids
+from antway.policies.antway.tracker import AGILITY, MOST_ROWS, ids_of, nearest, with_ids
 from antway.ros2.frames import Pose, move
 from antway.world.policy import XY, Tracks
 
@@ -27,6 +28,7 @@ _NOISE = 0.05  # m; standard deviation of the places of tracks
 _FITTED = 0.02  # m; the same for discs whose rim a laser sees
 _HIDDEN = 2.0  # 1; the centre of a disc that is hidden in part is uncertain by the change of its radius times this
 _SCANS = 3  # number of scans in which a disc has shown its rim before it counts as one
+FIRST_ID = 10**15  # the node's own ids are counted from here on: far from those of sensors, and below those of the policy
 _LEG = 0.12  # m; people's legs are no wider, and do not count as discs
 
 
@@ -37,9 +39,6 @@ class Discs(NamedTuple):
     radius: NDArray[np.float64]  # float64[N], m
     is_circle: NDArray[np.bool_]  # bool[N]; whether the points lie on the disc's rim
     points: list[NDArray[np.float64]]  # of each disc, float64[M, 2], m
-
-
-_AGILITY = 1.0  # m/s^2; expected acceleration of obstacles
 
 
 def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -239,7 +238,8 @@ class ScanTracker:
 
     def __init__(self) -> None:
         self.table, self.estimates = make_table(MOST_ROWS, kalman.COLUMNS, ID), np.zeros((MOST_ROWS, 8))
-        self.next_id, self.t = 0, -math.inf
+        self.next_id, self.t = FIRST_ID, -math.inf
+        self.measured, self.shown = make_table(MOST_ROWS, COLUMNS), np.zeros(STATE)  # for kernels/tracking/noise.py
         # Of each track that a laser sees: its radius in m, and in how many scans it was on a circle of that radius.
         self.radius: dict[int, tuple[float, int]] = {}
 
@@ -256,16 +256,15 @@ class ScanTracker:
         if len(seen) > MOST_ROWS:
             seen, places = nearest(seen, xy), None
         if t < self.t:
-            self.table.used[0] = 0
+            self.table.used[0] = self.measured.used[0] = 0
         self.t = t
         seen, self.next_id = with_ids(seen, t, self.table, self.next_id)
         noise = np.full(len(seen), _NOISE)
         if places is not None:
             seen, noise = self._centred(seen, t, places)
-        variance = np.column_stack((noise**2, np.zeros(len(seen))))
-        scan = seen.id, seen.xy, seen.velocity, seen.radius, variance
+        scan = seen.id, seen.xy, seen.velocity, seen.radius, self._variances(seen, t, noise)
         rows, used, _ = self.table
-        known, _, _ = kalman.update(rows, used, t, *scan, _AGILITY, self.estimates)
+        known, _, _ = kalman.update(rows, used, t, *scan, AGILITY, self.estimates)
         table, estimate = rows[:known], self.estimates[:known]
         if self.radius:  # nothing but a laser shows rims
             self.radius = {one: self.radius[one] for one in ids_of(table).tolist() if one in self.radius}
@@ -283,6 +282,18 @@ class ScanTracker:
             covariance[:, speed, speed] = estimate[:, SIGMA_V] ** 2
             covariance[:, place, speed] = covariance[:, speed, place] = table[:, kalman.P12] + age * table[:, kalman.P22]
         return Tracks(ids_of(estimate), estimate[:, :2].copy(), estimate[:, 2:4].copy(), estimate[:, RADIUS].copy(), covariance)
+
+    def _variances(self, seen: Tracks, t: float, noise: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the variances of places (m^2) and velocities (m^2/s^2), float64[N, 2]: those stated, if any are.
+
+        Else `noise` are the standard deviations of places, and innovations show how wrong velocities are.
+        """
+        if seen.covariance is not None:
+            return np.column_stack((seen.variances(0), seen.variances(2)))
+        shown = 0.0
+        if not np.isnan(seen.velocity).all():
+            shown = measured_noise(*self.measured[:2], self.shown, t, seen.id, seen.xy, seen.velocity)[1]
+        return np.column_stack((noise**2, np.full(len(seen), shown)))
 
     def _centred(self, seen: Tracks, t: float, places: Discs) -> tuple[Tracks, NDArray[np.float64]]:
         """Return what a laser sees with better centres, and their standard deviations, m.

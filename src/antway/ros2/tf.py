@@ -43,7 +43,7 @@ class Transforms:
         """Return the latest pose of `frame` in the frame `within`, and whether it is upside down: its y axis is then mirrored.
 
         A `BadParameter` says that there is none, that it is more than `timeout` s older or `timeout` + POSTDATED s newer than
-        `t` s, or that it is tilted; static ones (time 0) have no age.
+        `t` s, or that it is tilted; static ones (time 0) have no age. Before the first odometry `t` is -inf.
         """
         if frame == within:
             return HERE, False
@@ -58,6 +58,8 @@ class Transforms:
             if stamp > t and 0.0 < t < self.t:  # time went back, and tf would go on telling what it knew then
                 self.buffer.clear()
             why = "tf is silent" if stamp < t else "the message, or tf, has a wrong stamp"
+            if t == -math.inf:
+                raise BadParameter(f"age of tf from {within} to {frame}", "unknown", "known: there is no odometry yet")
             age, allowed = f"{t - stamp:.2f} s", f"at most {timeout:g} s (down to -{POSTDATED + timeout:g} s): {why}"
             raise BadParameter(f"age of tf from {within} to {frame}", age, allowed)
         self.t = t

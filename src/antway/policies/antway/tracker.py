@@ -16,7 +16,7 @@ from antway.kernels.tracking.table import Table, make_table, rows_in_use
 from antway.world.policy import XY, Observation, Tracks
 
 MOST_ROWS = 256  # tracks that tables hold
-_AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
+AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
 _NEAR = 0.8  # m; a track without an id is matched if it is nearer than this to its predicted place
 FIRST_OWN_ID = 2**52  # tracks without an id get one from here on; up to 2**53 floats hold all whole numbers
 _LARGEST_ID = 2.0**63 - 1024.0  # the largest float that is a whole number of 64 bits
@@ -93,7 +93,7 @@ class Tracker:
         rows, used, _ = self.table
         call(kalman.forget_ghosts, rows, used, terrain, t, tracks.id, *xy, sensor_range)
         call(kalman.bounce, rows, used, terrain, t, *scan[:3], variance)
-        known, fastest, self._has_velocities = kalman.update(rows, used, t, *scan, _AGILITY, self._estimates)
+        known, fastest, self._has_velocities = kalman.update(rows, used, t, *scan, AGILITY, self._estimates)
         self.estimates, self.fastest = self._estimates[:known], max(self.fastest, fastest)
 
     @property
