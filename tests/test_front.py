@@ -231,3 +231,22 @@ def test_more_cycles_than_powers_of_two_fit():
     """In a corridor there is no second path, however many cycles look for it."""
     corridor = Problem(Grid(np.zeros((1, 12), dtype=bool)), (0, 0), (0, 11))
     assert len(alternatives(corridor, 2, cycles=1100, ants=2)) == 1
+
+
+@pytest.mark.parametrize("within", [0.0, 1.0, 254.0, 1e9])
+def test_risk_in_walls_changes_no_front(within: float) -> None:
+    """Cost maps have large numbers in walls; the end of the front with the least exposure is found all the same."""
+    blocked = np.zeros((9, 15), bool)
+    blocked[2:7, 5:10] = True
+    exposure = np.random.default_rng(0).random((9, 15))
+    exposure[blocked] = within
+    front = pareto(Problem(Grid(blocked), (4, 0), (4, 14)), objectives=("length", "exposure"), exposure=exposure)
+    assert front.values[:, 1].min() < 5.2
+
+
+def test_alternatives_are_different_paths() -> None:
+    """Also where each may be wholly near an earlier one."""
+    found = alternatives(Problem(Grid(np.zeros((1, 10), bool)), (0, 0), (0, 9)), 3, overlap=1.0)
+    assert len(found) == 1
+    with pytest.raises(BadInput):
+        pareto(Problem(Grid(np.zeros((3, 3), bool)), (0, 0), (2, 2)), objectives=("exposure",), exposure=np.full((3, 3), 1e308))

@@ -64,7 +64,7 @@ def test_plain_search_ends_within_the_tolerance_too() -> None:
 
 
 def test_the_straight_path_is_kept() -> None:
-    """While somebody comes from behind in a corridor, and another one stands behind the goal, the robot does not stop and go."""
+    """Somebody comes from behind in a corridor, another one stands behind the goal, and the robot does not stop and go."""
     blocked = np.zeros((30, 80), bool)
     blocked[:11], blocked[19:] = True, True
     for gap in (0.5, 1.2, 2.2):

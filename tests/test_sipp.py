@@ -374,3 +374,9 @@ def test_a_goal_in_a_cell_that_no_move_leads_from():
     for tolerance in (0.0, 0.1):
         there = sipp(cell, (0.5, 0.5), (0.5, 0.5), radius=0.3, v_max=1.0, goal_tolerance=tolerance)
         assert there.status is Status.FOUND and there.arrival == 0.0
+
+
+def test_paths_that_take_too_long_are_no_proof() -> None:
+    """They would end after the last safe interval, which looked as if there was no path."""
+    with pytest.raises(BadParameter, match=r"v_max .* no path to the goal takes more than 1e\+12 s"):
+        Sipp(Grid(np.zeros((1, 30), bool), 1e6), (2.95e7, 5e5), radius=0.0, v_max=1e-6)

@@ -19,6 +19,7 @@ from antway import (
     Problem,
     RobotSpec,
     Status,
+    TooLarge,
     check_motion,
     check_plan,
     load_map,
@@ -420,3 +421,10 @@ def test_a_path_that_comes_back_to_a_vertex_is_smoothed(drive: str) -> None:
         check_plan(Problem(grid, vertices[0], vertices[-1]), loop)
         found = smooth(loop, robot, grid=grid, trials=5)
         check_motion(grid, robot, found.motion)
+
+
+def test_a_path_of_many_kilometres_is_refused() -> None:
+    """The memory for its control points has no bound otherwise."""
+    path = plan(Grid(np.zeros((3, 30), bool), 1000.0), (500.0, 1500.0), (29_500.0, 1500.0), robot_radius=0.3)
+    with pytest.raises(TooLarge, match=r"path\.length"):
+        smooth(path, load_robot("diff"))

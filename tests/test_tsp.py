@@ -339,3 +339,21 @@ def test_wrong_instances(wrong):
     """Places that are no places and distances that are no distances are refused."""
     with pytest.raises(BadParameter):
         Tsp(**wrong)
+
+
+@pytest.mark.parametrize("n", [100, 400])
+def test_the_first_cycle_is_no_random_walk(n: int) -> None:
+    """Focused construction is as good as in a cycle that knows a best tour; it took every worse tour at first."""
+    from antway.ants.rules import make_rule
+    from antway.ants.tsp import default_ants, local_search_options
+    from antway.kernels.colony.tsp import BEST
+
+    instance = Tsp(np.random.default_rng(n).random((n, 2)) * 1000.0)
+    options, name = local_search_options(n, "mmas", "3opt", None)
+    mean = []
+    for known in (False, True):
+        colony = Colony(instance, make_rule(name, ants=default_ants(options)), seed=0, candidates=10, options=options)
+        if known:
+            colony.state.record[BEST] = 0.7124 * math.sqrt(n * 1e6) * 1.08
+        mean.append(np.mean([instance.length(tour) for tour in colony.ask()]))
+    assert mean[0] < 1.005 * mean[1]

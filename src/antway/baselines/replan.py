@@ -289,7 +289,8 @@ def searches_for(task: Task) -> list[SpaceTime]:
 def arrival_time(path: TimedPath, task: Task) -> float:
     """Return when a motion comes within the tolerance of the goal, s, infinite if empty.
 
-    From its end it goes straight on to the goal, which is not tested for contacts."""
+    From its end the motion leads straight to the goal, which is not tested for contacts.
+    """
     t, xy, goal, tolerance = path.t, path.xy, task.goal, task.goal_tolerance
     if len(t):
         t, xy = np.append(t, t[-1] + math.dist(xy[-1], goal) / task.robot.v_max), np.vstack((xy, goal))

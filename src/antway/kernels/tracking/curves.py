@@ -51,8 +51,8 @@ def turn_rates(turning: Turning, estimates: Floats, seen: Bools, straight: Float
     """Write to `turning.rate` with which turn rate each track is predicted at time `t` s.
 
     The estimates are those of kernels/tracking/predict.py, and `seen`, bool[K], tells which of them the scan shows; the others
-    are predicted straight on from where they were last seen. `straight` is the same with the velocities of the straight lines;
-    a track that turns gets its last velocity there. `changes`, float64[K, 4], are those of `velocity_changes`.
+    are predicted on straight lines from where they were last seen. `straight` is the same with the velocities of these lines; a
+    track that turns gets its last velocity there. `changes`, float64[K, 4], are those of `velocity_changes`.
     """
     table, pool, rate = turning
     drop_lost(table, t)
