@@ -25,7 +25,7 @@ from antway.view.animation import CAPTION, LEGEND, write_animation
 from antway.view.notebook import pixels
 from antway.view.replay import write_replay
 from antway.view.rounds import rounds_figure
-from antway.view.style import BLUE, RED, TEAL
+from antway.view.style import BLUE, RED, TEAL, WALL
 from antway.view.tours import plan_tour_figure
 from antway.world.motions import Line
 from antway.world.robots import load_robot
@@ -138,6 +138,25 @@ def shares(fig: Figure, colour: str) -> float:
     pixels = np.asarray(Image.open(buffer).convert("RGB")).astype(int)
     wanted = np.array(mpl.colors.to_rgb(colour)) * 255
     return float((np.abs(pixels - wanted).sum(axis=2) < 30).mean())
+
+
+@pytest.mark.parametrize("cells", [900, 2000, 5000])
+def test_a_wall_of_one_cell_is_drawn_on_a_large_map(cells: int) -> None:
+    """Where a pixel shows several cells, a wall one cell thick is drawn wherever it is, on one map and on two side by side."""
+    for col in range(cells // 2, cells // 2 + 3):
+        blocked = np.zeros((cells, cells), bool)
+        blocked[:, col] = True
+        trace = replace(TRACE, task=replace(TRACE.task, grid=Grid(blocked, 20 / cells)))
+        figs = [figures.final_figure(trace)]
+        if cells == 900:
+            figs.append(figures.strip_figure(trace, [10, 60]))
+        for fig in figs:
+            fig.canvas.draw()
+            for axes in [one for one in fig.axes if one.get_xlabel()]:
+                left, low, right, high = axes.bbox.extents.round().astype(int)
+                picture = np.asarray(fig.canvas.buffer_rgba())[::-1][low + 5 : high - 5, left + 5 : right - 5, :3].astype(int)  # type: ignore[attr-defined]
+                wall = np.abs(picture - [int(WALL[k : k + 2], 16) for k in (1, 3, 5)]).max(axis=2) < 12
+                assert wall.any(axis=1).mean() > 0.8, (cells, col)
 
 
 def test_what_moves_is_red_and_only_that() -> None:

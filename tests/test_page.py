@@ -714,3 +714,30 @@ def test_a_description_alone_and_the_cursor(page: Any, tmp_path: Path) -> None:
     page.click("#notice button")
     page.mouse.move(*point(page, 5.0, 15.0))
     expect(page, ".place").to_have_text(re.compile(r"^[45]\.\d+ m, 1[45]\.\d+ m$"))
+
+
+def test_a_wall_of_one_cell_is_drawn_on_a_large_map(page: Any) -> None:
+    """Where a pixel shows several cells, a wall one cell thick is drawn where it is, whichever row is on top."""
+    shown = page.evaluate("""async () => {
+      const { Stage } = await import("/canvas.js");
+      const drawn = [];
+      for (const top_first of [false, true])
+        for (const [rows, cols, row, col] of [[1000, 700, 999, 401], [1000, 700, 2, 402], [900, 700, 500, 403], [300, 200, 7, 90]]) {
+          const [stage, mask] = [new Stage(document.createElement("canvas")), document.createElement("canvas")];
+          [stage.canvas.width, stage.canvas.height, mask.width, mask.height] = [220, 310, cols, rows];
+          const c = mask.getContext("2d");
+          c.fillRect(col, 0, 1, rows);
+          c.fillRect(0, row, cols, 1);
+          stage.map = { top_first };
+          stage.drawMask(mask, "#000", [5, 5, 210, 300]);
+          const data = stage.context.getImageData(0, 0, 220, 310).data;
+          const dark = (x, y) => data[(y * 220 + x) * 4 + 3] === 255;
+          const y = top_first ? 305 - (row / rows) * 300 : 5 + (row / rows) * 300;
+          const near = (at, is) => [-2, -1, 0, 1, 2].some((d) => is(Math.round(at) + d));
+          const across = [...Array(220).keys()].filter((x) => near(y, (one) => one >= 0 && one < 310 && dark(x, one))).length;
+          const along = [...Array(310).keys()].filter((one) => near(5 + (col / cols) * 210, (x) => dark(x, one))).length;
+          drawn.push([across, along]);
+        }
+      return drawn;
+    }""")
+    assert shown == [[210, 300]] * 8
