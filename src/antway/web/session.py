@@ -153,7 +153,7 @@ class Session(Tab):
             "shortest": short_rows(path),
             "stops": [stop.at for stop in scenario.stops],
             "policies": self.policies,
-            "parameters": {p.field: short(attrgetter(p.field)(scenario)) for p in PARAMETERS},
+            "parameters": {p.field: short(attrgetter(p.field)(scenario)) for p in PARAMETERS} | {"seed": str(scenario.seed)},
             "undo": self.position > 0,
             "redo": self.position + 1 < len(self.history),
         }
@@ -245,6 +245,8 @@ class Session(Tab):
         name = checks.choice("field", message.get("field"), [p.field for p in PARAMETERS])
         known = next(p for p in PARAMETERS if p.field == name)
         value: float
+        if name == "robot.radius" and self.scenario.robot.footprint is not None:
+            raise BadParameter(name, message.get("value"), "left as it is: this robot's footprint gives its radius")
         if name == "seed":
             value = checks.integer(name, message.get("value"), low=int(known.low), high=int(known.high))
         else:
