@@ -17,13 +17,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from starlette.websockets import WebSocketState
 from websockets.sync.client import connect
 
 from antway import Decision, Grid, RobotSpec, Scenario, World, save_map
 from antway.errors import BadInput, TooLarge
 from antway.web import session as sessions
-from antway.web.files import MAX_OBSTACLES, decoded, read_upload
+from antway.web.files import MAX_OBSTACLES, decoded, exported, read_upload
 from antway.web.player import SLICE, Player, Turns
 from antway.web.server import Gate, names_of, serve
 from antway.web.session import Session
@@ -33,6 +34,7 @@ from antway.world.motions import Bounce
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import cases, play
+from sample import sample_trace
 from serving import TOKEN, asked, served
 
 PORT = 8765
@@ -613,13 +615,46 @@ def test_start_and_goal_of_a_map_have_a_path_between_them() -> None:
     assert session.describe()["shortest"]
 
 
+def test_runs_of_cells_are_painted_and_wrong_ones_are_refused() -> None:
+    """Runs (row, from, to) paint what their cells do, overlaps too; what is off the map or backwards changes nothing."""
+    session, other = Session(), Session()
+    session.apply({"op": "paint", "blocked": True, "runs": [[18, 1, 3], [18, 2, 4], [16, 2, 2]]})
+    other.apply({"op": "paint", "blocked": True, "cells": [[18, 1], [18, 2], [18, 3], [18, 4], [16, 2]]})
+    assert session.scenario.world == other.scenario.world
+    session.apply({"op": "paint", "blocked": False, "runs": [[18, 2, 3]]})
+    assert session.scenario.world.grid.blocked[18, 1:5].tolist() == [True, False, False, True]
+    before = session.scenario
+    for wrong in ([18, 3, 2], [18, 1, 20], [20, 1, 2], [-1, 1, 2], [18, 1.5, 2], [18, 1], [18, 1, 1e300]):
+        with pytest.raises(BadInput, match="runs"):
+            session.apply({"op": "paint", "blocked": True, "runs": [wrong]})
+    assert session.scenario is before
+
+
+def test_two_policies_are_saved_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replay page and animation have both, and are named after both; each trace has one, and so has what is asked of a view."""
+    session = Session()
+    monkeypatch.setattr(Session, "work", lambda self, name, *given, seconds: {"given": given})
+    session.apply({"op": "policies", "names": ["follow", "stop"]})
+    for what, more, policies in (
+        ("replay", {}, ("follow", "stop")), ("gif", {}, ("follow", "stop")), ("gif", {"view": 1}, ("stop",)),
+        ("trace", {}, ("follow",)), ("trace", {"view": 1}, ("stop",)),
+    ):  # fmt: skip
+        assert session.apply({"op": "export", "what": what, **more}) == [{"given": (what, session.scenario, policies)}]
+    one, two = sample_trace(20, 1), sample_trace(30, 1)
+    object.__setattr__(two, "policy", "another")
+    page = exported("replay", one, two)
+    assert page["name"] == f"sample-{one.policy}-another.html" and '"policy":"another"' in page["text"]
+    film = exported("gif", one, two)
+    assert Image.open(io.BytesIO(base64.b64decode(film["base64"]))).width > 2 * 480
+
+
 def _packed(files: dict[str, str]) -> list[dict[str, str]]:
     """Files as the page sends them."""
     return [{"name": name, "data": base64.b64encode(text.encode()).decode()} for name, text in files.items()]
 
 
 def test_what_is_saved_opens_again_or_is_refused_when_it_is_saved(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A scenario that takes more bytes as a TOML file than its own files did opens again; where it would not, it is not saved."""
+    """A scenario that takes more bytes as a TOML file than its files opens again; where it would not, it is not saved."""
     files = {"room.txt": ("." * 40 + "\n") * 40}
     toml = 'map = "room.txt"\nstart = [1.5, 1.5]\ngoal = [38.5, 38.5]\n'
     rows = "".join(f"{k / 1000:g},{20 + k / 1000:g},20\n" for k in range(1000))

@@ -196,20 +196,20 @@ def exported_scenario(what: str, scenario: Scenario, policies: Sequence[str]) ->
     return {"kind": "link", "hash": f"policies={','.join(policies)}&open={data}"}
 
 
-def exported(what: str, trace: Trace) -> dict[str, Any]:
-    """Return a trace, its replay page or its animation (`what` is one of `EXPORTS`) as a file."""
+def exported(what: str, trace: Trace, *beside: Trace) -> dict[str, Any]:
+    """Return a trace, or the replay page or animation of it and those `beside` it (`what` is one of `EXPORTS`), as a file."""
     from antway.view.animation import write_animation
     from antway.view.figures import global_path
     from antway.view.replay import replay_page
 
-    name = f"{stem(trace.scenario)}-{trace.policy}"
+    name = "-".join((stem(trace.scenario), trace.policy, *(other.policy for other in beside)))
     if what == "trace":
         return as_file(f"{name}.json", "application/json", to_json(trace))
     path = global_path(trace)
     if what == "replay":
-        return as_file(f"{name}.html", "text/html", replay_page(trace, shortest=path))
+        return as_file(f"{name}.html", "text/html", replay_page(trace, beside=beside, shortest=path))
     with tempfile.TemporaryDirectory(prefix="antway-") as folder:
-        data = write_animation(trace, Path(folder) / "run.gif", shortest=path).read_bytes()
+        data = write_animation(trace, Path(folder) / "run.gif", beside=beside, shortest=path).read_bytes()
     return as_file(f"{name}.gif", "image/gif", data)
 
 
