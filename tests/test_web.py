@@ -764,6 +764,7 @@ def test_a_long_control_period_delays_no_other_scene() -> None:
         wire.ask(op="play", on=True)
         await until(lambda last: last["kind"] == "frame" and last["steps"] > 2)
         session.playing = False
+        await asyncio.sleep(0.3)
         session._open(replace(session.scenario, robot=replace(session.scenario.robot, dt=60.0), horizon=10_000.0))
         wire.ask(op="play", on=True)
         await until(lambda last: last["kind"] == "frame" and last["playing"] and last["steps"] == 0)
