@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from antway import BadParameter, Grid, Plan, Problem, Scenario, Status, World, load_map, plan, plan_tour, run, smooth
+from antway import BadParameter, Grid, Plan, Problem, RobotSpec, Scenario, Status, World, load_map, plan, plan_tour, run, smooth
 from antway.ants.gridpath import explore
 from antway.ants.tsp import Tsp, solve_tsp
 from antway.arena.store import Row
@@ -25,7 +25,7 @@ from antway.view.animation import CAPTION, LEGEND, write_animation
 from antway.view.notebook import pixels
 from antway.view.replay import write_replay
 from antway.view.rounds import rounds_figure
-from antway.view.style import BLUE, RED, TEAL
+from antway.view.style import BLUE, ORANGE, RED, TEAL, WALL
 from antway.view.tours import plan_tour_figure
 from antway.world.motions import Line
 from antway.world.robots import load_robot
@@ -138,6 +138,25 @@ def shares(fig: Figure, colour: str) -> float:
     pixels = np.asarray(Image.open(buffer).convert("RGB")).astype(int)
     wanted = np.array(mpl.colors.to_rgb(colour)) * 255
     return float((np.abs(pixels - wanted).sum(axis=2) < 30).mean())
+
+
+@pytest.mark.parametrize("cells", [900, 2000, 5000])
+def test_a_wall_of_one_cell_is_drawn_on_a_large_map(cells: int) -> None:
+    """Where a pixel shows several cells, a wall one cell thick is drawn wherever it is, on one map and on two side by side."""
+    for col in range(cells // 2, cells // 2 + 3):
+        blocked = np.zeros((cells, cells), bool)
+        blocked[:, col] = True
+        trace = replace(TRACE, task=replace(TRACE.task, grid=Grid(blocked, 20 / cells)))
+        figs = [figures.final_figure(trace)]
+        if cells == 900:
+            figs.append(figures.strip_figure(trace, [10, 60]))
+        for fig in figs:
+            fig.canvas.draw()
+            for axes in [one for one in fig.axes if one.get_xlabel()]:
+                left, low, right, high = axes.bbox.extents.round().astype(int)
+                picture = np.asarray(fig.canvas.buffer_rgba())[::-1][low + 5 : high - 5, left + 5 : right - 5, :3].astype(int)  # type: ignore[attr-defined]
+                wall = np.abs(picture - [int(WALL[k : k + 2], 16) for k in (1, 3, 5)]).max(axis=2) < 12
+                assert wall.any(axis=1).mean() > 0.8, (cells, col)
 
 
 def test_what_moves_is_red_and_only_that() -> None:
@@ -275,6 +294,65 @@ def test_a_tour_over_the_date_line_stays_on_its_map() -> None:
     assert -190.0 < low < -170.0 and 170.0 < high < 190.0
     legs = [np.abs(np.diff(line.get_xdata())).max() for line in axes.lines if line.get_linestyle() == "-"]
     assert len(legs) == 3 and max(legs) < 60.0
+
+
+def test_every_colony_is_drawn_or_all_are_refused() -> None:
+    """Six colonies have six looks and six entries; a seventh is refused, not left out."""
+    fig = figures.convergence_figure({f"colony {k}": HISTORY + k for k in range(6)})
+    assert len(fig.axes[0].lines) == 12 and len(fig.legends[0].get_texts()) == 12
+    assert len({(line.get_color(), line.get_linestyle()) for line in fig.axes[1].lines}) == 6
+    with pytest.raises(BadParameter, match="histories.*at most 6 colonies"):
+        figures.convergence_figure({f"colony {k}": HISTORY for k in range(7)})
+
+
+def test_the_legend_of_a_strip_names_what_is_in_any_panel() -> None:
+    """What the last panel does not show, such as a prediction, is named as well, once."""
+    fig = figures.strip_figure(TRACE, [70, 80, len(TRACE)], path=PATH)
+    named = [text.get_text() for text in fig.legends[0].get_texts()]
+    shown = {label for axes in fig.axes for label in axes.get_legend_handles_labels()[1]}
+    assert shown == set(named) and len(named) == len(shown) and "chosen path" in named and "pheromone" in named
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.4, 3.0])
+def test_marks_of_every_five_seconds_are_at_those_times(dt: float) -> None:
+    """Each is at the first cycle that ends 5, 10, 15 ... s after the start or later."""
+    scenario = Scenario(
+        World(Grid(np.zeros((60, 60), bool))), (5.0, 5.0), (35.0, 5.0), RobotSpec(dt=dt, v_max=1.0), horizon=60.0
+    )
+    trace = run(scenario, "follow", horizon=21.0).trace
+    (marks,) = (line for line in figures.final_figure(trace).axes[0].lines if line.get_label() == "every 5 s")
+    at = [float(trace.t[np.abs(trace.xy - place).sum(axis=1).argmin()]) for place in marks.get_xydata()]
+    assert len(at) == int(trace.t[-1] / 5 + 1e-9) >= 4
+    assert all(-1e-6 <= time - 5 * (k + 1) < dt - 1e-6 for k, time in enumerate(at))
+
+
+def test_the_legend_of_an_animation_names_what_it_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A policy that predicts nothing has no entry for it; rounds have one for their stops, which are drawn."""
+    shown: list[str] = []
+    monkeypatch.setattr(animation.ImageDraw.ImageDraw, "text", lambda draw, xy, text, **look: shown.append(text))
+    bare = replace(TRACE, decisions=tuple((step, replace(one, predicted=None)) for step, one in TRACE.decisions))
+    for trace, there in ((TRACE, True), (bare, False)):
+        shown.clear()
+        animation._legend([trace], False, 480)
+        assert ("predicted" in shown) is there and "stop" not in shown
+    scenario = Scenario(World(Grid(np.zeros((12, 12), bool))), (1.5, 1.5), (10.5, 10.5), stops=(Stop((6.5, 1.5)),))
+    trace = run(scenario, "follow", horizon=0.3).trace
+    shown.clear()
+    animation._legend([trace], False, 480)
+    assert "stop" in shown
+    picture = np.asarray(animation.last_moment(trace, 240)).astype(int)
+    orange = np.abs(picture - [int(ORANGE[k : k + 2], 16) for k in (1, 3, 5)]).max(axis=2) < 60
+    rows, cols = np.nonzero(orange)
+    assert len(rows) > 10 and np.abs([cols.mean() - 130, rows.mean() - 210]).max() < 3
+
+
+def test_a_policy_without_episodes_on_the_levels_shown_is_named_without_bars() -> None:
+    """Its rows over all levels are left out, and it is no error."""
+    rows = summarise(ROWS)
+    table = [row for row in rows if row.policy != "stop" or not row.level]
+    if all(row.level for row in table):
+        table.append(replace(next(row for row in rows if row.policy == "stop"), level=""))
+    assert "stop" in [text.get_text() for text in charts.success_figure(table).legends[0].get_texts()]
 
 
 def test_a_colony_without_a_history_is_refused() -> None:

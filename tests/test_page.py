@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from antway import load_scenario
+from antway import Grid, World, load_scenario
 from antway.errors import BadInput
 from antway.scenes import scene
 from antway.web.files import read_upload
+from antway.web.player import _parse
 from antway.web.session import Session
 from antway.world.motions import Bounce, Waypoints
 from antway.world.scenario import Scenario, save_scenario
@@ -240,12 +241,13 @@ def test_two_policies_are_compared_and_everything_is_saved(page: Any, tmp_path: 
     assert times[0] == times[1]
     name, data = saved(page, "png")
     assert name == "antway-paper.png" and Image.open(io.BytesIO(data)).width > 800
-    name, data = saved(page, "trace")
-    assert name == "paper-antway.json" and data.startswith(b"{")
     name, data = saved(page, "gif")
-    assert name == "paper-antway.gif" and Image.open(io.BytesIO(data)).n_frames > 20
+    assert name == "paper-antway-stop.gif" and Image.open(io.BytesIO(data)).n_frames > 20
     name, data = saved(page, "replay")
-    assert name == "paper-antway.html" and len(data) < 2_000_000
+    assert name == "paper-antway-stop.html" and len(data) < 2_000_000
+    with page.expect_download(lambda file: file.suggested_filename == "paper-stop.json", timeout=60_000):
+        name, data = saved(page, "trace")
+    assert name == "paper-antway.json" and data.startswith(b"{")
 
     page.fill("#seed", "7")
     page.keyboard.press("Tab")
@@ -714,3 +716,89 @@ def test_a_description_alone_and_the_cursor(page: Any, tmp_path: Path) -> None:
     page.click("#notice button")
     page.mouse.move(*point(page, 5.0, 15.0))
     expect(page, ".place").to_have_text(re.compile(r"^[45]\.\d+ m, 1[45]\.\d+ m$"))
+
+
+def test_a_wall_of_one_cell_is_drawn_on_a_large_map(page: Any) -> None:
+    """Where a pixel shows several cells, a wall one cell thick is drawn where it is, whichever row is on top."""
+    shown = page.evaluate("""async () => {
+      const { Stage } = await import("/canvas.js");
+      const drawn = [];
+      for (const top_first of [false, true])
+        for (const [rows, row, col] of [[1000, 999, 401], [1000, 2, 402], [900, 500, 403], [300, 7, 390]]) {
+          const cols = 700;
+          const [stage, mask] = [new Stage(document.createElement("canvas")), document.createElement("canvas")];
+          [stage.canvas.width, stage.canvas.height, mask.width, mask.height] = [220, 310, cols, rows];
+          const c = mask.getContext("2d");
+          c.fillRect(col, 0, 1, rows);
+          c.fillRect(0, row, cols, 1);
+          stage.map = { top_first };
+          stage.drawMask(mask, "#000", [5, 5, 210, 300]);
+          const data = stage.context.getImageData(0, 0, 220, 310).data;
+          const dark = (x, y) => data[(y * 220 + x) * 4 + 3] === 255;
+          const y = top_first ? 305 - (row / rows) * 300 : 5 + (row / rows) * 300;
+          const near = (at, is) => [-2, -1, 0, 1, 2].some((d) => is(Math.round(at) + d));
+          const across = [...Array(220).keys()].filter((x) => near(y, (one) => one >= 0 && one < 310 && dark(x, one))).length;
+          const along = [...Array(310).keys()].filter((one) => near(5 + (col / cols) * 210, (x) => dark(x, one))).length;
+          drawn.push([across, along]);
+        }
+      return drawn;
+    }""")
+    assert shown == [[210, 300]] * 8
+
+
+def test_a_press_on_the_goal_moves_nothing_and_a_drag_keeps_its_distance(page: Any, tmp_path: Path) -> None:
+    """A click near the goal leaves the run as it is; a drag moves the goal by as much as the pointer, not to the pointer."""
+    page.click("#step")
+    expect(page, "#time").to_have_text("0.1 s")
+    page.mouse.click(*point(page, 19.3, 19.4))
+    page.mouse.move(*point(page, 19.3, 19.4))
+    page.mouse.down()
+    page.mouse.move(point(page, 19.3, 19.4)[0] + 2, point(page, 19.3, 19.4)[1])
+    page.mouse.up()
+    page.wait_for_timeout(300)
+    expect(page, "#undo").to_be_disabled()
+    expect(page, "#time").to_have_text("0.1 s")
+    drag(page, (19.3, 19.4), (17.3, 18.4))
+    expect(page, "#undo").to_be_enabled()
+    expect(page, "#time").to_have_text("0.0 s")
+    assert np.abs(np.array(scenario(page, tmp_path).goal) - (17.5, 18.5)).max() < 0.05
+
+
+def test_a_long_stroke_is_taken_whole(page: Any) -> None:
+    """A stroke of 75,000 cells is a few requests that the server takes, and paints what was under the brush."""
+    sent = page.evaluate("""async () => {
+      const { Editor } = await import("/edit.js");
+      const [sent, stage] = [[], { unit: 1, scale: 1 }];
+      const scene = { map: { rows: 400, cols: 400, resolution: 1, x: 0, y: 0 } };
+      const editor = new Editor({ scene, tool: "wall", brush: 1, request: (message) => sent.push(message), redraw() {} });
+      editor.gesture = editor.start({ stage }, null, [11.5, 3.5]);
+      for (let x = 11.5; x < 390; x += 4)
+        for (const place of [[x, 396.5], [x + 2, 396.5], [x + 2, 3.5], [x + 4, 3.5]]) editor.stroke(editor.gesture, place);
+      editor.end();
+      return sent.map((message) => JSON.stringify(message));
+    }""")
+    session = Session()
+    session.apply({"op": "policies", "names": ["follow"]})
+    session._open(Scenario(World(Grid(np.zeros((400, 400), bool))), (3.5, 200.5), (397.5, 200.5)))
+    for text in sent:
+        session.apply(_parse(text))
+    assert len(sent) == 3 and 70_000 < session.scenario.world.grid.blocked.sum() < 80_000
+
+
+def test_what_is_told_between_two_frames(page: Any) -> None:
+    """The path driven ends at the robot where a frame covers several cycles; the worst time is that of the cycles counted."""
+    worst, robot, trail = page.evaluate("""async () => {
+      const { View } = await import("/view.js");
+      const card = document.querySelector(".card");
+      View.prototype.spark.call({ card, ms: [0.02, 0.04, 0.03], now: { at: 3 }, stage: { colour: { robot: "#000" } } });
+      const at = (t, x, n) => ({ t, robot: [x, 0, 0], obstacles: [], tubes: [], braking: [0, 0, 0], at: n });
+      const view = {
+        before: at(1.0, 1.0, 10), now: at(1.4, 1.4, 14), arrived: 0, trail: Array.from({ length: 15 }, (_, i) => [i / 10, 0]),
+        editor: {}, page: { playing: true, speed: 8, scene: { start: [0, 0], goal: [9, 9], radii: [] } },
+      };
+      const moment = View.prototype.moment.call(view, 20);
+      return [card.querySelector(".cycle span").textContent, moment.robot.x, moment.trail.map(([x]) => x)];
+    }""")
+    assert worst == "0.03 ms a cycle, worst of 3: 0.04 ms"
+    assert robot == pytest.approx(1.16) and trail[-1] == robot and trail == sorted(trail)
+    assert trail == pytest.approx([*(k / 10 for k in range(12)), 1.16])

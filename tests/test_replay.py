@@ -87,6 +87,18 @@ def test_an_obstacle_that_goes_far_leaves_the_robot_where_it_is() -> None:
     assert np.abs(obstacles - far.obstacle_xy[:, 0]).max() < 0.1
 
 
+def test_the_page_holds_speed_and_distance_as_they_were() -> None:
+    """On a map of a kilometre, where places are rounded to 1.5 cm, speed and the distance driven are not made of them."""
+    room = Grid(np.zeros((200, 200), bool), 5.0)
+    scenario = Scenario(World(room), (10.0, 10.0), (990.0, 600.0), RobotSpec(v_max=0.22, dt=0.05), horizon=5.0)
+    trace = run(scenario, "follow").trace
+    data = data_of(replay_page(trace, shortest=shortest(trace.task)))
+    driven, speed = (np.frombuffer(base64.b64decode(data[name]), "<f4") for name in ("driven", "speed"))
+    assert len(driven) == len(speed) == len(trace) + 1 and driven[0] == 0.0
+    assert driven[-1] == pytest.approx(trace.length, rel=1e-5)
+    assert speed == pytest.approx(np.hypot(*trace.velocity.T), rel=1e-5, abs=1e-7)
+
+
 def test_the_page_holds_what_the_policy_predicted() -> None:
     """Each decision's prediction is on the page as the policy made it, whatever the obstacles did later."""
     trace = sample_trace(150, 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import io
 import json
@@ -16,20 +17,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
+from starlette.websockets import WebSocketState
 from websockets.sync.client import connect
 
-from antway import Grid, RobotSpec, Scenario, World, save_map
+from antway import Decision, Grid, RobotSpec, Scenario, World, save_map
 from antway.errors import BadInput, TooLarge
 from antway.web import session as sessions
-from antway.web.files import MAX_OBSTACLES, decoded, read_upload
-from antway.web.player import SLICE, Player
+from antway.web.files import MAX_OBSTACLES, decoded, exported, read_upload
+from antway.web.player import SLICE, Player, Turns
 from antway.web.server import Gate, names_of, serve
 from antway.web.session import Session
+from antway.web.view import Look
 from antway.world.episode import Episode
 from antway.world.motions import Bounce
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import cases, play
+from sample import sample_trace
 from serving import TOKEN, asked, served
 
 PORT = 8765
@@ -608,3 +613,164 @@ def test_start_and_goal_of_a_map_have_a_path_between_them() -> None:
     session = Session()
     session.apply({"op": "open", "files": [{"name": "rooms.txt", "data": base64.b64encode(rooms.encode()).decode()}]})
     assert session.describe()["shortest"]
+
+
+def test_runs_of_cells_are_painted_and_wrong_ones_are_refused() -> None:
+    """Runs (row, from, to) paint what their cells do, overlaps too; what is off the map or backwards changes nothing."""
+    session, other = Session(), Session()
+    session.apply({"op": "paint", "blocked": True, "runs": [[18, 1, 3], [18, 2, 4], [16, 2, 2]]})
+    other.apply({"op": "paint", "blocked": True, "cells": [[18, 1], [18, 2], [18, 3], [18, 4], [16, 2]]})
+    assert session.scenario.world == other.scenario.world
+    session.apply({"op": "paint", "blocked": False, "runs": [[18, 2, 3]]})
+    assert session.scenario.world.grid.blocked[18, 1:5].tolist() == [True, False, False, True]
+    before = session.scenario
+    for wrong in ([18, 3, 2], [18, 1, 20], [20, 1, 2], [-1, 1, 2], [18, 1.5, 2], [18, 1], [18, 1, 1e300]):
+        with pytest.raises(BadInput, match="runs"):
+            session.apply({"op": "paint", "blocked": True, "runs": [wrong]})
+    assert session.scenario is before
+
+
+def test_two_policies_are_saved_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replay page and animation have both, and are named after both; each trace has one, and so has what is asked of a view."""
+    session = Session()
+    monkeypatch.setattr(Session, "work", lambda self, name, *given, seconds: {"given": given})
+    session.apply({"op": "policies", "names": ["follow", "stop"]})
+    for what, more, policies in (
+        ("replay", {}, ("follow", "stop")), ("gif", {}, ("follow", "stop")), ("gif", {"view": 1}, ("stop",)),
+        ("trace", {}, ("follow",)), ("trace", {"view": 1}, ("stop",)),
+    ):  # fmt: skip
+        assert session.apply({"op": "export", "what": what, **more}) == [{"given": (what, session.scenario, policies)}]
+    one, two = sample_trace(20, 1), sample_trace(30, 1)
+    object.__setattr__(two, "policy", "another")
+    page = exported("replay", one, two)
+    assert page["name"] == f"sample-{one.policy}-another.html" and '"policy":"another"' in page["text"]
+    film = exported("gif", one, two)
+    assert Image.open(io.BytesIO(base64.b64decode(film["base64"]))).width > 2 * 480
+
+
+def _packed(files: dict[str, str]) -> list[dict[str, str]]:
+    """Files as the page sends them."""
+    return [{"name": name, "data": base64.b64encode(text.encode()).decode()} for name, text in files.items()]
+
+
+def test_what_is_saved_opens_again_or_is_refused_when_it_is_saved(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scenario that takes more bytes as a TOML file than its files opens again; where it would not, it is not saved."""
+    files = {"room.txt": ("." * 40 + "\n") * 40}
+    toml = 'map = "room.txt"\nstart = [1.5, 1.5]\ngoal = [38.5, 38.5]\n'
+    rows = "".join(f"{k / 1000:g},{20 + k / 1000:g},20\n" for k in range(1000))
+    for k in range(6):
+        files[f"{k}.csv"] = rows
+        toml += f'[[obstacles]]\nradius = 0.3\nmotion = "replay"\nfile = "{k}.csv"\n'
+    session, sent = Session(), _packed(files | {"room.toml": toml})
+    size = sum(len(text) for text in files.values()) + len(toml)
+    monkeypatch.setattr("antway.web.files.MAX_BYTES", size)
+    session.apply({"op": "open", "files": sent})
+    for what, name in (("scenario", "base64"), ("keep", "data")):
+        (saved,) = session.apply({"op": "export", "what": what})
+        unpacked = zipfile.ZipFile(io.BytesIO(base64.b64decode(saved[name])))
+        assert sum(entry.file_size for entry in unpacked.infolist()) > size
+        session.apply({"op": "open", "files": [{"name": "scenario.zip", "data": saved[name]}]})
+    for limit in ("MAX_UNPACKED", "MAX_BYTES"):
+        with monkeypatch.context() as smaller:
+            smaller.setattr(f"antway.web.files.{limit}", 1000)
+            for what in ("scenario", "keep", "link"):
+                with pytest.raises(TooLarge, match="scenario = '[0-9]+ bytes': must be at most 1000"):
+                    session.apply({"op": "export", "what": what})
+
+
+def test_archives_together_unpack_to_no_more_than_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each may be below the limit and small; nothing above it is unpacked."""
+    monkeypatch.setattr("antway.web.files.MAX_UNPACKED", 100_000)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a.txt", "." * 60_000)
+    data = base64.b64encode(buffer.getvalue()).decode()
+    with pytest.raises(TooLarge, match="files = '120000 bytes'"):
+        read_upload([{"name": f"{k}.zip", "data": data} for k in range(2)])
+
+
+def test_a_stop_that_joins_rounds_ends_a_look_at_the_ants() -> None:
+    """The ants looked at were those of rounds without the stop; the page is told no more of them."""
+    session = Session()
+    session.apply({"op": "policies", "names": ["antway"]})
+    session.apply({"op": "open", "files": _room()})
+    session.apply({"op": "stop", "xy": [4.5, 4.5]})
+    session.apply({"op": "step"})
+    (view,) = session.views
+    view.look, view.idle = Look(2, False, Decision("avoid", "Seen in a look."), view.policy), "Nothing to do."
+    assert session.frame()["views"][0]["ants"] == [2, False]
+    session.apply({"op": "stop", "xy": [1.5, 4.5]})
+    (told,) = session.frame()["views"]
+    assert told["ants"] is None and told["idle"] == "" and told["decision"]["reason"] != "Seen in a look."
+
+
+def test_the_radius_of_a_robot_with_a_footprint_is_refused() -> None:
+    """It follows from the footprint; the refusal says so, and is no step of undo."""
+    session, (room, _) = Session(), _room()
+    toml = 'map = "room.txt"\nstart = [1.5, 1.5]\ngoal = [4.5, 1.5]\n[robot]\ndrive = "differential"\n'
+    toml += "footprint = [[-0.4, -0.3], [0.4, -0.3], [0.4, 0.3], [-0.4, 0.3]]\n"
+    session.apply({"op": "open", "files": [room, *_packed({"room.toml": toml})]})
+    before = session.scenario
+    with pytest.raises(BadInput, match="robot.radius = 0.3: must be left as it is: this robot's footprint gives its radius"):
+        session.apply({"op": "set", "field": "robot.radius", "value": 0.3})
+    assert session.scenario is before
+
+
+def test_a_seed_that_the_pages_numbers_do_not_hold_is_told_to_the_last_digit() -> None:
+    """A file may have a seed above 2^53, which a script's number would round."""
+    session, (room, toml) = Session(), _room()
+    text = "seed = 12345678901234567891\n" + base64.b64decode(toml["data"]).decode()
+    (scene,) = session.apply({"op": "open", "files": [room, *_packed({"room.toml": text})]})
+    assert scene["parameters"]["seed"] == "12345678901234567891"
+
+
+def test_a_long_control_period_delays_no_other_scene() -> None:
+    """After a scene with control cycles of a minute was played, the next one opened in the tab plays at once."""
+    sent: list[dict[str, Any]] = []
+
+    class Wire:
+        application_state = WebSocketState.CONNECTED
+
+        def __init__(self) -> None:
+            self.queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+
+        async def receive(self) -> dict[str, Any]:
+            return await self.queue.get()
+
+        async def send_text(self, text: str) -> None:
+            sent.append(json.loads(text))
+            if sent[-1]["kind"] == "frame":
+                self.ask(op="seen")
+
+        async def close(self, code: int) -> None:
+            self.queue.put_nowait({"type": "websocket.disconnect"})
+
+        def ask(self, **request: Any) -> None:
+            self.queue.put_nowait({"type": "websocket.receive", "text": json.dumps(request)})
+
+    async def until(holds: Any) -> None:
+        async with asyncio.timeout(30.0):
+            while not (sent and holds(sent[-1])):
+                await asyncio.sleep(0.01)
+
+    async def use() -> None:
+        wire, session = Wire(), Session()
+        session.apply({"op": "policies", "names": ["follow"]})
+        session._open(replace(session.scenario, robot=replace(session.scenario.robot, dt=60.0), horizon=10_000.0))
+        task = asyncio.create_task(Player(wire, session, Turns(), Turns(1)).run())  # type: ignore[arg-type]
+        wire.ask(op="play", on=True)
+        await until(lambda last: last["kind"] == "frame" and last["playing"])
+        wire.ask(op="scene", name="paper")
+        wire.ask(op="play", on=True)
+        await until(lambda last: last["kind"] == "frame" and last["steps"] > 2)
+        session.playing = False
+        await asyncio.sleep(0.3)
+        session._open(replace(session.scenario, robot=replace(session.scenario.robot, dt=60.0), horizon=10_000.0))
+        wire.ask(op="play", on=True)
+        await until(lambda last: last["kind"] == "frame" and last["playing"] and last["steps"] == 0)
+        await asyncio.sleep(0.2)
+        assert sent[-1]["steps"] == 0, "confirmations of frames do not make play faster"
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    asyncio.run(use())

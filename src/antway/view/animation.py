@@ -158,15 +158,17 @@ def _legend(traces: Sequence[Trace], shortest: bool, width: int) -> Image.Image:
     """Return a legend of everything drawn in these episodes, in as many lines as needed."""
     decisions = [decision for trace in traces for _, decision in trace.decisions]
     moving = any(len(trace.obstacle_radius) for trace in traces)
+    foreseen = any(decision.predicted is not None and len(decision.predicted) for decision in decisions)
     kinds = {  # name: shape, colour, and whether it is drawn
         "robot": ("robot", style.BLUE, True),
         "goal": ("star", "", True),
+        "stop": ("diamond", style.ORANGE, any(trace.rounds is not None for trace in traces)),
         "driven": ("line", style.BLUE, True),
         "planned": ("line", style.TEAL, any(decision.path is not None for decision in decisions)),
         "shortest": ("dashes", style.INK, shortest),
         "obstacle": ("disc", style.RED, moving),
         "not sensed": ("ring", style.RED, moving and not all(trace.sensed.all() for trace in traces)),
-        "predicted": ("area", style.ORANGE, moving),
+        "predicted": ("area", style.ORANGE, foreseen),
         "pheromone": ("area", style.VIOLET, any(decision.pheromone is not None for decision in decisions)),
     }
     font, wide = ImageFont.load_default(12 * SUPER), width * SUPER
@@ -192,6 +194,8 @@ def _symbol(draw: ImageDraw.ImageDraw, x: float, y: float, shape: str, colour: s
     r = 5 * SUPER
     if shape == "star":
         _star(draw, x, y, 7 * SUPER)
+    elif shape == "diamond":
+        _diamond(draw, x, y)
     elif shape in ("line", "dashes"):
         parts = [(-9, 9)] if shape == "line" else [(-9, -4), (-1, 4), (7, 10)]
         for a, b in parts:
@@ -211,7 +215,7 @@ def _faded(colour: str) -> tuple[int, int, int]:
 
 
 def _backdrop(painter: _Painter, shortest: Plan | None) -> Image.Image:
-    """Return the constant part of an episode's pictures: the map, the global path, the start."""
+    """Return the constant part of an episode's pictures: the map, the global path, the start, the stops."""
     task = painter.trace.task
     grid = task.grid
     shade = np.full((*grid.shape, 3), 255, np.uint8)
@@ -226,6 +230,8 @@ def _backdrop(painter: _Painter, shortest: Plan | None) -> Image.Image:
     if shortest is not None and len(shortest.cells) > 1:
         painter.dashes(draw, shortest.xy(grid), style.INK)
     painter.disc(draw, task.start, 0.0, "white", style.INK)
+    for stop in () if painter.trace.rounds is None else painter.trace.rounds.stops:
+        _diamond(draw, *painter.at(stop.at))
     return picture
 
 
@@ -300,6 +306,11 @@ def _tint(picture: Image.Image, colour: str, veil: Image.Image) -> None:
     """Lay a colour over a picture as far as a veil of its size is opaque, which is a small part of it as a rule."""
     if (box := veil.getbbox()) is not None:
         picture.paste(colour, box, veil.crop(box))
+
+
+def _diamond(draw: ImageDraw.ImageDraw, x: float, y: float) -> None:
+    r = 5 * SUPER
+    draw.polygon([(x - r, y), (x, y - r), (x + r, y), (x, y + r)], fill="white", outline=style.ORANGE, width=2 * SUPER)
 
 
 def _star(draw: ImageDraw.ImageDraw, x: float, y: float, size: float) -> None:

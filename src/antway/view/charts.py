@@ -34,7 +34,7 @@ def success_figure(table: Sequence[Summary]) -> Figure:
         known = [(i, rows[level]) for i, level in enumerate(levels) if level in rows]
         x = np.array([i for i, _ in known]) + 0.5 * (k - (len(policies) - 1) / 2) / max(len(policies), 2)
         share = np.array([100 * row.success for _, row in known])
-        low, high = 100 * np.array([row.success_interval for _, row in known]).T
+        low, high = 100 * np.array([row.success_interval for _, row in known]).reshape(-1, 2).T
         bars = np.maximum([share - low, high - share], 0.0)
         look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "markersize": 5}
         axes.errorbar(x, share, yerr=bars, capsize=2.5, elinewidth=1.0, **look)

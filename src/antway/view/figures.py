@@ -111,8 +111,7 @@ def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final 
     _draw_numbers(axes, trace, len(trace))
     label = f"driven, {trace.length:.2f} m in {trace.t[-1]:.1f} s"
     style.draw_path(axes, trace.xy, style.BLUE, 2.2, label=label, zorder=4)
-    every = max(1, round(5.0 / trace.task.robot.dt))
-    marks = trace.xy[every::every]
+    marks = trace.xy[np.searchsorted(trace.t, np.arange(5.0, trace.t[-1] + 1e-9, 5.0) - 1e-9)]
     axes.plot(*marks.T, "o", color="white", markeredgecolor=style.BLUE, markersize=4, label="every 5 s", zorder=4.5)
     _draw_stops(axes, trace)
     draw_ends(axes, trace.task.start, trace.task.goal)
@@ -133,7 +132,10 @@ def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | None = None
         axes.set_title(f"t = {trace.t[step]:.1f} s")
         if axes is not row[0]:
             axes.set_ylabel("")
-    return style.legend_below(row[-1], columns=4 if len(steps) > 2 else 2)
+    last = row[-1].get_legend_handles_labels()[1]
+    others = {label: handle for axes in row for handle, label in zip(*axes.get_legend_handles_labels()) if label not in last}
+    more = [(handle, label) for label, handle in others.items()]
+    return style.legend_below(row[-1], columns=4 if len(steps) > 2 else 2, more=more)
 
 
 @style.styled
@@ -143,13 +145,15 @@ def convergence_figure(histories: Mapping[str, NDArray[np.float64]], *, optimum:
     Parameters
     ----------
     histories : mapping of name to float64[C, 4]
-        For each cycle: best length, mean length (m), share of ants that arrived, pheromone entropy (nats), as in `Decision`.
+        For each colony (at most six) and cycle: best length, mean length (m), share of ants that arrived, pheromone entropy
+        (nats), as in `Decision`.
     optimum : float or None
         The shortest length, m, drawn as a line.
     """
+    if len(histories) > len(style.COLOURS):
+        raise BadParameter("histories", list(histories), f"at most {len(style.COLOURS)} colonies")
     lengths, arrived = style.figure(6.4, 5.2).subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
-    looks = ((style.BLUE, "-"), (style.ORANGE, "--"), (style.RED, ":"), (style.TEAL, "-."))
-    for (name, history), (colour, dash) in zip(histories.items(), looks):
+    for (name, history), colour, dash in zip(histories.items(), style.COLOURS, style.DASHES):
         table = checks.array(f"history of {name}", history, (None, 4), finite=False)
         cycle, look = np.arange(1, len(table) + 1), {"color": colour, "linestyle": dash}
         best, mean, share, _ = np.where(np.isfinite(table), table, np.nan).T

@@ -16,7 +16,6 @@ from PIL import Image
 from antway.arena.metrics import gaps
 from antway.grid import Grid
 from antway.planning import Plan
-from antway.version import __version__
 from antway.view.pages import asset, bits_to_base64, digest, embedded, faint_scale, filled, png_url, rounded, to_base64
 from antway.world.policy import Decision
 from antway.world.stops import Rounds
@@ -72,7 +71,6 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
     heaps: list[dict[str, Any]] = []
     decisions = [_decision(step, decision, box, masks, heaps) for step, decision in trace.decisions]
     return {
-        "version": __version__,
         "scenario": trace.scenario,
         "policy": trace.policy,
         "seed": str(trace.seed),
@@ -81,6 +79,8 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
         "map": map_record(grid, lambda mask: _mask(mask, levels=1)),
         "box": box.record(),
         "t": to_base64(trace.t, "<f4"),
+        "driven": to_base64(np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(trace.xy, axis=0).T)))), "<f4"),
+        "speed": to_base64(np.hypot(*trace.velocity.T), "<f4"),
         "clearance": to_base64(gaps(trace).min(axis=1, initial=np.inf), "<f4"),
         "robot": {
             "xy": box.pack(trace.xy),
@@ -115,7 +115,6 @@ def _stops(rounds: Rounds | None) -> list[dict[str, Any]]:
         {
             "at": list(rounds.stops[stop].at),
             "name": rounds.name(stop),
-            "arrival": visits[stop].arrival if stop in visits else None,
             "end": visits[stop].end if stop in visits else None,
             "late": stop in visits and rounds.lateness(visits[stop]) > 0,
         }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Callable, Sequence
 from functools import wraps
@@ -16,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.transforms import Affine2D
 from numpy.typing import ArrayLike
@@ -132,20 +134,42 @@ def box_size(low: Sequence[float], high: Sequence[float], *, width: float, extra
     return width, max(height, 1.2) + extra
 
 
+class _Cells(AxesImage):
+    """The cells of a map; where several share a pixel, it shows a wall if one of them is one."""
+
+    def __init__(self, axes: Axes, grid: Grid) -> None:
+        super().__init__(axes, origin="lower", interpolation="nearest", zorder=0)
+        self.shade, self.resolution = np.zeros(grid.shape, dtype=np.uint8), grid.resolution
+        self.shade[grid.blocked] = 2
+        if grid.unknown is not None:
+            self.shade[grid.unknown] = 1
+        self.merge(1)
+
+    def merge(self, block: int) -> None:
+        """Show `block` x `block` cells as one."""
+        rows, cols = (-(-cells // block) for cells in self.shade.shape)
+        whole = np.zeros((rows * block, cols * block), dtype=np.uint8)
+        whole[: self.shade.shape[0], : self.shade.shape[1]] = self.shade
+        colours = np.array([mpl.colors.to_rgb(c) for c in ("white", UNKNOWN, WALL)])
+        self.set_data((colours[whole.reshape(rows, block, cols, block).max(axis=(1, 3))] * 255).astype(np.uint8))
+        self.set_extent((0, whole.shape[1] * self.resolution, 0, whole.shape[0] * self.resolution))
+
+    def make_image(self, renderer: Any, magnification: float = 1.0, unsampled: bool = False) -> Any:
+        size = np.abs([np.ptp(self.axes.get_xlim()), np.ptp(self.axes.get_ylim())]) / self.resolution
+        self.merge(max(1, math.ceil((size / (np.array(self.axes.bbox.size) * magnification)).max() - 1e-6)))
+        return super().make_image(renderer, magnification, unsampled)
+
+
 def draw_map(axes: Axes, grid: Grid) -> None:
     """Draw walls dark, unknown cells light grey, free ones white, in metres; cell lines if there are at most 50 a side."""
     rows, cols = grid.shape
-    step = max(1, -(-max(rows, cols) // 4096))
-    shade = np.zeros((rows, cols), dtype=np.uint8)
-    shade[grid.blocked] = 2
-    if grid.unknown is not None:
-        shade[grid.unknown] = 1
-    colours = np.array([mpl.colors.to_rgb(c) for c in ("white", UNKNOWN, WALL)])
-    image = (colours[shade[::step, ::step]] * 255).astype(np.uint8)
     size = (cols * grid.resolution, rows * grid.resolution)
     x, y, yaw = grid.origin
     place = Affine2D().rotate(yaw).translate(x, y) + axes.transData
-    axes.imshow(image, origin="lower", extent=(0, size[0], 0, size[1]), interpolation="nearest", transform=place, zorder=0)
+    cells = _Cells(axes, grid)
+    cells.set_transform(place)
+    cells.set_clip_path(axes.patch)
+    axes.add_image(cells)
     if max(rows, cols) <= 50:
         lines: dict[str, Any] = {"color": RULE, "linewidth": 0.5, "zorder": 0.5, "transform": place}
         for k in range(1, cols):

@@ -26,7 +26,8 @@ from antway.world.trace import Trace
 from antway.world.tracefile import to_json
 from antway.world.world import World
 
-MAX_BYTES = 4 * 2**20  # limit of all files together, unpacked
+MAX_BYTES = 4 * 2**20  # limit of all files together, as they are sent
+MAX_UNPACKED = 16 * 2**20  # limit of all files together, unpacked
 MAX_FILES = 8
 MAX_OBSTACLES = 200
 MAX_LINK = 30_000  # limit of characters of a link
@@ -102,7 +103,7 @@ def decoded(files: object) -> dict[str, bytes]:
             contents[_name(file.get("name"))] = base64.b64decode(file["data"], validate=True)
         except ValueError as error:  # such as binascii.Error, or letters beyond ASCII
             raise BadParameter(f"files[{i}].data", str(error), "base64") from None
-    _total(sum(map(len, contents.values())))
+    _total(sum(map(len, contents.values())), MAX_BYTES)
     return contents
 
 
@@ -118,23 +119,23 @@ def _unpacked(contents: dict[str, bytes]) -> dict[str, bytes]:
                 entries = archive.infolist()
                 if len(entries) > MAX_FILES:
                     raise TooLarge("files.length", len(entries), f"at most {MAX_FILES}", where=name)
-                _total(sum(entry.file_size for entry in entries))
+                _total(sum(map(len, out.values())) + sum(entry.file_size for entry in entries), MAX_UNPACKED)
                 for entry in entries:
                     if entry.compress_type not in _PLAIN:
                         raise BadParameter("zip", f"method {entry.compress_type}", "stored or deflated", where=name)
                     with archive.open(entry) as file:
-                        out[_name(entry.filename)] = file.read(MAX_BYTES)
+                        out[_name(entry.filename)] = file.read(MAX_UNPACKED)
         except BadInput:
             raise
         except _SPOILT as error:
             raise BadParameter("zip", str(error), "a zip archive", where=name) from None
-    _total(sum(map(len, out.values())))
+    _total(sum(map(len, out.values())), MAX_UNPACKED)
     return out
 
 
-def _total(size: int) -> None:
-    if size > MAX_BYTES:
-        raise TooLarge("files", f"{size} bytes", f"at most {MAX_BYTES} bytes together")
+def _total(size: int, most: int, field: str = "files") -> None:
+    if size > most:
+        raise TooLarge(field, f"{size} bytes", f"at most {most} bytes together")
 
 
 def _name(value: object) -> str:
@@ -147,7 +148,7 @@ def task_on(grid: Grid, name: str) -> Scenario:
     """Return a scenario across the largest connected part of `grid` for the robot, from low row and column to high."""
     from scipy.ndimage import label
 
-    robot = RobotSpec(radius=min(0.3, 0.3 * grid.resolution) if grid.resolution >= 1.0 else 0.25)
+    robot = RobotSpec(radius=0.3 if grid.resolution >= 1.0 else 0.25)
     free = ~grid.inflate(robot.radius).blocked
     parts, count = label(free)
     if count == 0:
@@ -165,12 +166,15 @@ def as_file(name: str, type: str, data: str | bytes) -> dict[str, Any]:
 
 
 def _zipped(scenario: Scenario) -> bytes:
-    """Return a zip of the scenario's TOML and its map, which `read_upload` reads back."""
+    """Return a zip of the scenario's TOML and its map, which `read_upload` reads back; if that would refuse it: `TooLarge`."""
     buffer = io.BytesIO()
     with tempfile.TemporaryDirectory(prefix="antway-") as name, zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         save_scenario(scenario, Path(name) / "scenario.toml")
-        for file in sorted(Path(name).iterdir()):
+        files = sorted(Path(name).iterdir())
+        _total(sum(file.stat().st_size for file in files), MAX_UNPACKED, "scenario")
+        for file in files:
             archive.write(file, file.name)
+    _total(len(buffer.getvalue()), MAX_BYTES, "scenario")
     return buffer.getvalue()
 
 
@@ -192,20 +196,20 @@ def exported_scenario(what: str, scenario: Scenario, policies: Sequence[str]) ->
     return {"kind": "link", "hash": f"policies={','.join(policies)}&open={data}"}
 
 
-def exported(what: str, trace: Trace) -> dict[str, Any]:
-    """Return a trace, its replay page or its animation (`what` is one of `EXPORTS`) as a file."""
+def exported(what: str, trace: Trace, *beside: Trace) -> dict[str, Any]:
+    """Return a trace, or the replay page or animation of it and those `beside` it (`what` is one of `EXPORTS`), as a file."""
     from antway.view.animation import write_animation
     from antway.view.figures import global_path
     from antway.view.replay import replay_page
 
-    name = f"{stem(trace.scenario)}-{trace.policy}"
+    name = "-".join((stem(trace.scenario), trace.policy, *(other.policy for other in beside)))
     if what == "trace":
         return as_file(f"{name}.json", "application/json", to_json(trace))
     path = global_path(trace)
     if what == "replay":
-        return as_file(f"{name}.html", "text/html", replay_page(trace, shortest=path))
+        return as_file(f"{name}.html", "text/html", replay_page(trace, beside=beside, shortest=path))
     with tempfile.TemporaryDirectory(prefix="antway-") as folder:
-        data = write_animation(trace, Path(folder) / "run.gif", shortest=path).read_bytes()
+        data = write_animation(trace, Path(folder) / "run.gif", beside=beside, shortest=path).read_bytes()
     return as_file(f"{name}.gif", "image/gif", data)
 
 

@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import TypeVar
 
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
@@ -132,11 +132,11 @@ class Player:
                     turns = self.exports if slow else self.turns
                     replies = await turns.take(self.session.apply, request)
                     self.owed = True
+                    self.wake.set()
             except BadInput as error:
                 replies = [_refusal(error, request)]
             for reply in replies:
                 await self.send(_text(reply))
-        self.wake.set()
         await self.show()
 
     async def play(self) -> None:
@@ -151,8 +151,20 @@ class Player:
             period = self.session.period
             steps = max(1, round(TICK / period))
             due = max(due + steps * period, self.clock())
-            await asyncio.sleep(due - self.clock())
-            await self.show(steps)
+            if await self.changed(due, period):
+                due = self.clock()
+            else:
+                await self.show(steps)
+
+    async def changed(self, due: float, period: float) -> bool:
+        """Wait until `due`; return earlier, and True, if a request pauses play or changes its pace."""
+        while (left := due - self.clock()) > 0.0:
+            self.wake.clear()
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self.wake.wait(), left)
+                if not self.session.playing or self.session.period != period:
+                    return True
+        return False
 
     async def show(self, steps: int = 0) -> None:
         """Play this many steps, and send a frame if the page has confirmed the earlier ones; otherwise skip it."""

@@ -11,6 +11,7 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter, TooLarge
@@ -153,7 +154,7 @@ class Session(Tab):
             "shortest": short_rows(path),
             "stops": [stop.at for stop in scenario.stops],
             "policies": self.policies,
-            "parameters": {p.field: short(attrgetter(p.field)(scenario)) for p in PARAMETERS},
+            "parameters": {p.field: short(attrgetter(p.field)(scenario)) for p in PARAMETERS} | {"seed": str(scenario.seed)},
             "undo": self.position > 0,
             "redo": self.position + 1 < len(self.history),
         }
@@ -245,25 +246,34 @@ class Session(Tab):
         name = checks.choice("field", message.get("field"), [p.field for p in PARAMETERS])
         known = next(p for p in PARAMETERS if p.field == name)
         value: float
+        if name == "robot.radius" and self.scenario.robot.footprint is not None:
+            raise BadParameter(name, message.get("value"), "left as it is: this robot's footprint gives its radius")
         if name == "seed":
             value = checks.integer(name, message.get("value"), low=int(known.low), high=int(known.high))
         else:
             value = checks.number(name, message.get("value"), low=known.low, high=known.high, unit=known.unit)
         return self._open(_put(self.scenario, name, value))
 
+    def _painted(self, message: Message) -> NDArray[np.bool_]:
+        """Return which cells of the map are in `cells`, (row, column), or in `runs`, (row, first column, last column)."""
+        shape = self.scenario.world.grid.shape
+        name, form = ("runs", "(row, from col, to col)") if "runs" in message else ("cells", "(row, col)")
+        given = checks.array(name, message.get(name), (None, 3 if name == "runs" else 2))
+        row, first, last = given[:, 0], given[:, 1], given[:, -1]
+        if (given != np.round(given)).any() or (given < 0).any() or (row >= shape[0]).any() or (last >= shape[1]).any():
+            raise BadParameter(name, message.get(name), f"{name} {form} of the map of {shape}")
+        if (first > last).any():
+            raise BadParameter(name, message.get(name), f"{name} {form} that do not end before they begin")
+        begun = np.zeros((shape[0], shape[1] + 1), dtype=np.int32)
+        np.add.at(begun, (row.astype(np.int64), first.astype(np.int64)), 1)
+        np.add.at(begun, (row.astype(np.int64), last.astype(np.int64) + 1), -1)
+        return begun.cumsum(axis=1)[:, :-1] > 0
+
     def do_paint(self, message: Message) -> list[Message]:
         blocked = checks.instance("blocked", message.get("blocked"), bool)
-        cells = checks.array("cells", message.get("cells"), (None, 2))
-        grid = self.scenario.world.grid
-        if (cells != np.round(cells)).any() or (cells < 0).any() or (cells >= grid.shape).any():
-            raise BadParameter("cells", message.get("cells"), f"cells (row, col) of the map of {grid.shape}")
-        rows, cols = cells.astype(np.int64).T
-        walls = grid.blocked.copy()
-        walls[rows, cols] = blocked
-        unknown = grid.unknown
-        if unknown is not None:
-            unknown = unknown.copy()
-            unknown[rows, cols] = False
+        painted, grid = self._painted(message), self.scenario.world.grid
+        walls = np.where(painted, blocked, grid.blocked)
+        unknown = None if grid.unknown is None else grid.unknown & ~painted
         return self._change(world=World(replace(grid, blocked=walls, unknown=unknown), self.scenario.world.obstacles))
 
     def do_move(self, message: Message) -> list[Message]:
@@ -318,12 +328,13 @@ class Session(Tab):
         return self._open(replace(self.scenario, **changes))
 
     def do_export(self, message: Message) -> list[Message]:
-        """Return a file of an episode, played to its end on a copy; or the scenario, as a file or a link."""
+        """Return a file of the episodes (a trace: of one view), played to their ends on copies; or the scenario or a link."""
         what = checks.choice("what", message.get("what"), ("scenario", "link", "keep", *EXPORTS))
         if what not in EXPORTS:
             return [exported_scenario(what, self.scenario, self.policies)]
         view = checks.integer("view", message.get("view", 0), low=0, high=len(self.views) - 1)
-        return [self.work("export", what, self.scenario, self.policies[view], seconds=EXPORT_SECONDS)]
+        policies = self.policies[view : view + 1] if what == "trace" or "view" in message else self.policies
+        return [self.work("export", what, self.scenario, policies, seconds=EXPORT_SECONDS)]
 
 
 def _masks(history: list[Scenario]) -> list[int]:

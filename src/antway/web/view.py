@@ -90,7 +90,7 @@ class View:
 
     def added(self) -> None:
         """Record that a stop was added, after which the page gets a new scene and everything is sent again."""
-        self.sent, self.decision = 0, None
+        self.look, self.idle, self.sent, self.decision = None, "", 0, None
         self.moments[-1] = self._moment()
 
     def _moment(self) -> Moment:

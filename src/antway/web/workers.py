@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -38,13 +38,12 @@ def _upload(files: object) -> object:
     return scenario
 
 
-def _export(what: str, scenario: Any, policy: str) -> object:
+def _export(what: str, scenario: Any, policies: Sequence[str]) -> object:
     from antway.web.files import exported
     from antway.world.episode import run
 
-    trace = run(scenario, policy).trace
-    assert trace is not None
-    return exported(what, trace)
+    traces = [run(scenario, policy).trace for policy in policies]
+    return exported(what, *(trace for trace in traces if trace is not None))
 
 
 def _instance(data: bytes, name: str) -> object:

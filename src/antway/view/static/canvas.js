@@ -114,14 +114,20 @@ class Stage {
     return [left, top, width * resolution * this.scale, height * resolution * this.scale];
   }
 
-  // Draw a mask, whose first row is the highest y, over a rectangle of pixels.
+  // Draw a mask, whose first row is the highest y, over a rectangle of pixels; one that shows several cells has the most of them.
   drawMask(mask, colour, [left, top, width, height]) {
     const c = this.context;
+    const [cols, rows] = sizeOf(mask);
+    const block = Math.max(1, Math.ceil(cols / width - 1e-6), Math.ceil(rows / height - 1e-6));
+    const tint = this.tinted(mask, colour, block);
     c.save();
     c.imageSmoothingEnabled = false;
     c.translate(left, this.up > 0 ? top : top + height);
     c.scale(1, this.up);
-    c.drawImage(this.tinted(mask, colour), 0, 0, width, height);
+    c.beginPath();
+    c.rect(0, 0, width, height);
+    c.clip(); // the last blocks may be larger than what is left of the map
+    c.drawImage(tint, 0, 0, (width * tint.width * block) / cols, (height * tint.height * block) / rows);
     c.restore();
   }
 
@@ -286,21 +292,39 @@ class Stage {
     c.setLineDash([]);
   }
 
-  // The mask in one colour, kept until the colours or the map change.
-  tinted(mask, colour) {
-    let tint = this.tints.get(mask);
-    if (!tint) {
+  // The mask in one colour, a pixel for `block` x `block` cells, kept until that, the colours or the map change.
+  tinted(mask, colour, block) {
+    let kept = this.tints.get(mask);
+    if (kept?.block !== block) {
       if (this.tints.size > 64) this.tints.clear();
-      tint = make("canvas", "", { width: mask.naturalWidth || mask.width, height: mask.naturalHeight || mask.height });
+      const tint = coarse(mask, block);
       const c = tint.getContext("2d");
-      c.drawImage(mask, 0, 0);
       c.globalCompositeOperation = "source-in";
       c.fillStyle = colour;
       c.fillRect(0, 0, tint.width, tint.height);
-      this.tints.set(mask, tint);
+      this.tints.set(mask, (kept = { block, tint }));
     }
-    return tint;
+    return kept.tint;
   }
+}
+
+const sizeOf = (mask) => [mask.naturalWidth || mask.width, mask.naturalHeight || mask.height];
+
+// A canvas with the largest alpha of each `block` x `block` cells of a mask.
+function coarse(mask, block) {
+  const [cols, rows] = sizeOf(mask);
+  const [width, height] = [Math.ceil(cols / block), Math.ceil(rows / block)];
+  const canvas = make("canvas", "", { width, height });
+  const c = canvas.getContext("2d");
+  if (block === 1) return c.drawImage(mask, 0, 0), canvas;
+  const [fine, data] = [alphas(mask, rows, cols), c.createImageData(width, height)];
+  for (let row = 0; row < rows; row++)
+    for (let col = 0; col < cols; col++) {
+      const at = (Math.floor(row / block) * width + Math.floor(col / block)) * 4 + 3;
+      data.data[at] = Math.max(data.data[at], fine[(row * cols + col) * 4 + 3]);
+    }
+  c.putImageData(data, 0, 0);
+  return canvas;
 }
 
 // The red, green, blue and alpha of a mask of rows x cols.

@@ -14,6 +14,8 @@ class View {
     this.t = new Float32Array(bytes(data.t));
     this.last = this.t.length - 1;
     this.robotXY = this.points(data.robot.xy);
+    this.driven = new Float32Array(bytes(data.driven)); // m; until each step
+    this.speed = new Float32Array(bytes(data.speed)); // m/s; at the end of each step
     this.clearance = new Float32Array(bytes(data.clearance)); // m; from the robot's outline to the nearest moving obstacle
     this.heading = new Float32Array(bytes(data.robot.heading));
     this.count = data.obstacles.id.length;
@@ -23,11 +25,6 @@ class View {
     for (const decision of data.decisions) {
       if (decision.path) decision.path = this.points(decision.path);
       if (decision.predicted) decision.predicted = new Float32Array(bytes(decision.predicted)); // [7 * part + column]
-    }
-    this.driven = [0];
-    for (let i = 1; i <= this.last; i++) {
-      const [a, b] = [this.robotXY[i - 1], this.robotXY[i]];
-      this.driven.push(this.driven[i - 1] + Math.hypot(b[0] - a[0], b[1] - a[1]));
     }
     this.decisionOf = new Int32Array(this.last + 1).fill(-1);
     for (let i = 0, d = -1; i <= this.last; i++) {
@@ -178,11 +175,9 @@ function render() {
   views.forEach(({ stage }, i) => stage.draw(moments[i], state.show));
   const moment = moments[views.indexOf(chosen)];
   const { step } = moment;
-  const dt = step < chosen.last ? chosen.t[step + 1] - chosen.t[step] : 0;
-  const speed = dt > 0 ? (chosen.driven[step + 1] - chosen.driven[step]) / dt : 0;
   showDecision(moment.decision);
   put("time", `${state.time.toFixed(1)} / ${t[last].toFixed(1)} s`);
-  put("speed-now", fixed(speed, 2, "m/s"));
+  put("speed-now", fixed(chosen.speed[step], 2, "m/s"));
   put("driven", fixed(chosen.driven[step], 2, "m"));
   put("clearance", fixed(chosen.clearance[step], 2, "m"));
   const scrub = byId("scrub");

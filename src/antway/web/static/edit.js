@@ -6,6 +6,8 @@ import { pointOn } from "/common.js";
 
 const GRAB = 16; // pixels of the page; a press this near to start or goal takes hold of it
 const mm = (xy) => xy.map((v) => Math.round(1000 * v) / 1000); // places to the millimetre, as people read them
+const STILL = 3; // pixels of the page; a press that moves no farther is no drag
+const RUNS = 25_000; // limit of runs of cells in a request; the server takes 512 KiB
 const FULL = 90; // pixels of the page; length of the arrow of the fastest obstacle
 
 class Editor {
@@ -104,7 +106,8 @@ class Editor {
       const near = (end) => Math.hypot(end[0] - xy[0], end[1] - xy[1]);
       const end = near(page.scene.goal) <= near(page.scene.start) ? "goal" : "start";
       const own = Math.max(within, end === "goal" ? page.scene.tolerance : page.scene.radius);
-      return near(page.scene[end]) <= own ? { kind: "end", end, xy } : null;
+      const offset = [0, 1].map((k) => page.scene[end][k] - xy[k]); // so that it does not jump to the pointer
+      return near(page.scene[end]) <= own ? { kind: "end", end, xy: page.scene[end], offset, from: point, dragged: false } : null;
     }
     if (page.tool === "stop") return { kind: "stop", xy };
     if (page.tool === "obstacle") return { kind: "obstacle", xy, from: point, velocity: [0, 0] };
@@ -120,7 +123,10 @@ class Editor {
   move(point) {
     const { gesture, page } = this;
     const xy = gesture.view.stage.toWorld(...point);
-    if (gesture.kind === "end") gesture.xy = xy;
+    if (gesture.kind === "end") {
+      gesture.dragged ||= Math.hypot(point[0] - gesture.from[0], point[1] - gesture.from[1]) > STILL;
+      if (gesture.dragged) gesture.xy = [0, 1].map((k) => xy[k] + gesture.offset[k]);
+    }
     if (gesture.kind === "paint") this.stroke(gesture, xy);
     if (gesture.kind === "obstacle") {
       const [dx, dy] = [point[0] - gesture.from[0], gesture.view.stage.up * (gesture.from[1] - point[1])];
@@ -133,13 +139,14 @@ class Editor {
   end() {
     const { gesture, page } = this;
     this.gesture = null;
-    const { kind, end, xy, velocity, obstacle, blocked, cells } = gesture;
+    const { kind, end, xy, dragged, velocity, obstacle, blocked, cells } = gesture;
     if (kind === "stop") page.request({ op: "stop", xy: mm(xy) });
-    if (kind === "end") page.request({ op: "move", end, xy: mm(xy) });
+    if (kind === "end" && dragged) page.request({ op: "move", end, xy: mm(xy) });
     if (kind === "obstacle") page.request({ op: "drop", xy: mm(xy), velocity: velocity.map((v) => Math.trunc(1000 * v) / 1000), radius: page.size });
     if (kind === "remove") page.request({ op: "remove", obstacle });
     if (kind === "paint" && cells.size) {
-      page.request({ op: "paint", blocked, cells: [...cells.values()] });
+      const runs = runsOf(cells);
+      for (let i = 0; i < runs.length; i += RUNS) page.request({ op: "paint", blocked, runs: runs.slice(i, i + RUNS) });
       page.pending = { view: null, kind, blocked, cells }; // shown until the server answers
     }
     page.redraw();
@@ -210,6 +217,17 @@ class Editor {
     c.textBaseline = "bottom";
     c.fillText(speed ? `${speed.toFixed(2)} m/s` : "stands", sx + 14 * stage.unit, sy - 14 * stage.unit);
   }
+}
+
+// Cells as runs [row, first column, last column].
+function runsOf(cells) {
+  const runs = [];
+  for (const [row, col] of [...cells.values()].sort((a, b) => a[0] - b[0] || a[1] - b[1])) {
+    const last = runs.at(-1);
+    if (last?.[0] === row && last[2] === col - 1) last[2] = col;
+    else runs.push([row, col, col]);
+  }
+  return runs;
 }
 
 export { Editor };

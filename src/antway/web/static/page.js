@@ -266,7 +266,8 @@ function listen() {
     compare: () => askPolicies(page.views.length > 1 ? [page.views[0].select.value] : [page.views[0].select.value, page.views[0].select.value === "paper" ? "antway" : "paper"]),
     "save-png": picture,
   };
-  for (const what of ["scenario", "link", "trace", "replay", "gif"]) actions[`save-${what}`] = () => (busy("writing …"), request({ op: "export", what }));
+  for (const what of ["scenario", "link", "replay", "gif"]) actions[`save-${what}`] = () => (busy("writing …"), request({ op: "export", what }));
+  actions["save-trace"] = () => (busy("writing …"), page.views.forEach((_, view) => request({ op: "export", what: "trace", view })));
   for (const [id, action] of Object.entries(actions)) on(id, "click", action);
   on("scene", "change", (event) => (busy("opening …"), request({ op: "scene", name: event.target.value })));
   on("speed", "change", (event) => request({ op: "speed", speed: Number(event.target.value) }));

@@ -82,7 +82,8 @@ class View {
       ...visited.map(([stop, late], k) => ({ at: scene.stops[stop], number: k + 1, done: true, late })),
       ...(now.order ?? []).map((stop, k) => ({ at: scene.stops[stop], number: visited.length + k + 1, done: false, late: false })),
     ];
-    const trail = fraction < 1 ? [...this.trail.slice(0, now.at), [x, y]] : this.trail.slice(0, now.at + 1);
+    const step = fraction < 1 ? Math.floor(mix(before.at, now.at)) : now.at; // a frame may come several cycles after the last
+    const trail = [...this.trail.slice(0, step + 1), ...(fraction < 1 ? [[x, y]] : [])];
     const [distance, direction, stoppingTime] = now.braking;
     return {
       ...ends, obstacles, stops, trail, tolerance: scene.tolerance, global: scene.shortest, planned: decision?.path, target: decision?.target,
@@ -153,7 +154,8 @@ class View {
   spark() {
     const canvas = this.card.querySelector(".spark");
     const last = this.ms.slice(Math.max(0, this.now.at - 120), this.now.at);
-    const top = Math.max(...last, 0.1);
+    const worst = Math.max(...last);
+    const top = Math.max(worst, 0.1);
     [canvas.width, canvas.height] = [240, 56];
     const c = canvas.getContext("2d");
     c.fillStyle = this.stage.colour.robot;
@@ -161,7 +163,7 @@ class View {
       const high = Math.max(2, (54 * Math.log(Math.max(ms, 0.01) / 0.01)) / Math.log(top / 0.01));
       c.fillRect(i * 2, 56 - high, 1.6, high);
     });
-    this.card.querySelector(".cycle span").textContent = last.length ? `${fixed(last.at(-1), 2, "ms")} a cycle, worst ${fixed(top, 1, "ms")}` : "";
+    this.card.querySelector(".cycle span").textContent = last.length ? `${fixed(last.at(-1), 2, "ms")} a cycle, worst of ${last.length}: ${fixed(worst, worst < 1 ? 2 : 1, "ms")}` : "";
   }
 }
 
