@@ -301,7 +301,7 @@ def test_every_colony_is_drawn_or_all_are_refused() -> None:
     fig = figures.convergence_figure({f"colony {k}": HISTORY + k for k in range(6)})
     assert len(fig.axes[0].lines) == 12 and len(fig.legends[0].get_texts()) == 12
     assert len({(line.get_color(), line.get_linestyle()) for line in fig.axes[1].lines}) == 6
-    with pytest.raises(BadParameter, match="histories.*at most 6 colonies"):
+    with pytest.raises(BadParameter, match=r"histories.*at most 6 colonies"):
         figures.convergence_figure({f"colony {k}": HISTORY for k in range(7)})
 
 

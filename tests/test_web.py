@@ -674,7 +674,7 @@ def test_what_is_saved_opens_again_or_is_refused_when_it_is_saved(monkeypatch: p
         with monkeypatch.context() as smaller:
             smaller.setattr(f"antway.web.files.{limit}", 1000)
             for what in ("scenario", "keep", "link"):
-                with pytest.raises(TooLarge, match="scenario = '[0-9]+ bytes': must be at most 1000"):
+                with pytest.raises(TooLarge, match=r"scenario = '[0-9]+ bytes': must be at most 1000"):
                     session.apply({"op": "export", "what": what})
 
 
@@ -711,7 +711,7 @@ def test_the_radius_of_a_robot_with_a_footprint_is_refused() -> None:
     toml += "footprint = [[-0.4, -0.3], [0.4, -0.3], [0.4, 0.3], [-0.4, 0.3]]\n"
     session.apply({"op": "open", "files": [room, *_packed({"room.toml": toml})]})
     before = session.scenario
-    with pytest.raises(BadInput, match="robot.radius = 0.3: must be left as it is: this robot's footprint gives its radius"):
+    with pytest.raises(BadInput, match=r"robot\.radius = 0\.3: must be left as it is: this robot's footprint gives its radius"):
         session.apply({"op": "set", "field": "robot.radius", "value": 0.3})
     assert session.scenario is before
 
