@@ -432,7 +432,7 @@ def test_requests_are_done_while_play_is_held(monkeypatch: pytest.MonkeyPatch) -
                 await wire.send('{"op":"set","field":"seed","value":7}')
                 while (message := json.loads(await asyncio.wait_for(wire.recv(), 60)))["kind"] != "scene":
                     pass
-                assert message["parameters"]["seed"] == 7
+                assert message["parameters"]["seed"] == "7"
                 await steps(wire)
 
         asyncio.run(check())

@@ -200,6 +200,11 @@ class Replan(Sipp):
         margin = checks.number("margin", margin, low=0.0, unit="m")
         super().__init__(predictions="frozen", horizon=math.inf, margin=margin)
 
+    def reset(self, task: Task, seed: int) -> None:
+        """Search to the goal alone; among frozen obstacles, paths to places beside it come and go as these move."""
+        super().reset(task, seed)
+        self.searches = [self.search]
+
 
 class DStarLite(Follow):
     """Do as `replan` by D* Lite (Koenig, Likhachev, AAAI 2002), which repairs the last answer, over 8 neighbours.

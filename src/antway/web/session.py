@@ -264,10 +264,10 @@ class Session(Tab):
             raise BadParameter(name, message.get(name), f"{name} {form} of the map of {shape}")
         if (first > last).any():
             raise BadParameter(name, message.get(name), f"{name} {form} that do not end before they begin")
-        begun = np.zeros((shape[0], shape[1] + 1), dtype=np.int32)
-        np.add.at(begun, (row.astype(np.int64), first.astype(np.int64)), 1)
-        np.add.at(begun, (row.astype(np.int64), last.astype(np.int64) + 1), -1)
-        return begun.cumsum(axis=1)[:, :-1] > 0
+        change = np.zeros((shape[0], shape[1] + 1), dtype=np.int32)
+        np.add.at(change, (row.astype(np.int64), first.astype(np.int64)), 1)
+        np.add.at(change, (row.astype(np.int64), last.astype(np.int64) + 1), -1)
+        return change.cumsum(axis=1)[:, :-1] > 0
 
     def do_paint(self, message: Message) -> list[Message]:
         blocked = checks.instance("blocked", message.get("blocked"), bool)
