@@ -16,7 +16,7 @@ import scipy
 
 from antway import checks
 from antway.baselines.oracle import paths_to_goal
-from antway.baselines.replan import arrival_time
+from antway.baselines.replan import arrival_time, searches_for
 from antway.errors import BadParameter, CellBlocked
 from antway.kernels.base.rng import below, make_state, uniform
 from antway.kernels.baselines.oracle import first_contact
@@ -228,7 +228,8 @@ def facts(scenario: Scenario, seed: int) -> Facts:
     """Return the facts about a scenario with the given seed."""
     task, robot = scenario.task, scenario.robot
     timeline = scenario.world.timeline(seed, scenario.horizon)
-    paths = (paths_to_goal(task, known, horizon=scenario.horizon)[0] for known in (timeline, None))
+    searches = searches_for(task)
+    paths = (paths_to_goal(task, searches, known, horizon=scenario.horizon)[0] for known in (timeline, None))
     arrival, shortest = (arrival_time(path, task) for path in paths)
     follows = any(isinstance(one.motion, Pursue) for one in scenario.world.obstacles)
     return Facts(

@@ -11,6 +11,7 @@ from antway.baselines.replan import arrival_time, drive, searches_for
 from antway.kernels.base.records import Trajectories
 from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
+from antway.search.sipp import Sipp
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
 from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
@@ -49,9 +50,10 @@ class Oracle:
         self.path = TimedPath(np.empty(0), np.empty((0, 2)))
         self.decision = Decision("stuck", "no path reaches the goal among the known motions")
         horizon = float(self.timeline.knot_t.max(initial=t)) + LATER
+        searches = searches_for(task)
         for share in MARGINS:
             wide = self.timeline.radius + share * robot.v_max * robot.dt / 2
-            for path in paths_to_goal(task, replace(self.timeline, radius=wide), t, horizon):
+            for path in paths_to_goal(task, searches, replace(self.timeline, radius=wide), t, horizon):
                 if len(path.t) and self._touches_nothing(path, t):
                     self.path = path
                     self.decision = Decision(
@@ -89,13 +91,15 @@ class Oracle:
         return contact == math.inf
 
 
-def paths_to_goal(task: Task, timeline: Timeline | None, t: float = 0.0, horizon: float = math.inf) -> list[TimedPath]:
+def paths_to_goal(
+    task: Task, searches: list[Sipp], timeline: Timeline | None, t: float = 0.0, horizon: float = math.inf
+) -> list[TimedPath]:
     """Return paths from `t` s on, that which arrives first in front.
 
-    They lead to the goal's cell and to the first cell within the tolerance, if there is any; where they would wait near the
-    goal, they go straight into the tolerance if that is free. Without a timeline nothing moves.
+    They are those of `searches_for`; where they would wait near the goal, they go straight into the tolerance if that is free.
+    Without a timeline nothing moves.
     """
-    paths = [each.plan(task.start, timeline, t=t, horizon=horizon).path for each in searches_for(task)]
+    paths = [each.plan(task.start, timeline, t=t, horizon=horizon).path for each in searches]
     if timeline is not None:
         paths = [_straight_in(path, task, timeline) for path in paths]
     return sorted(paths, key=lambda path: arrival_time(path, task))

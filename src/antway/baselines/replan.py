@@ -142,6 +142,8 @@ class Sipp(Follow):
         Distance kept from predicted obstacles, m; None: v_max dt / 2, the deviation from a plan between two commands.
     """
 
+    ends_beside = True  # whether paths may end elsewhere within the goal's tolerance
+
     def __init__(self, *, predictions: str = "constant", horizon: float = 5.0, margin: float | None = None) -> None:
         self.predictions = checks.choice("predictions", predictions, ("constant", "mirrored", "frozen"))
         self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, infinite=True, unit="s")
@@ -150,7 +152,8 @@ class Sipp(Follow):
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the distance field."""
         super().reset(task, seed)
-        self.searches = searches_for(task)
+        if self.ends_beside:
+            self.searches += within_tolerance(task)
         self.edges = True  # whether obstacles are assumed to bounce off the map's edges, until one is seen to cross them
         self.clearance = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
 
@@ -196,14 +199,11 @@ class Replan(Sipp):
         Distance kept from obstacles, m, >= 0.
     """
 
+    ends_beside = False  # among frozen obstacles, paths to places beside the goal come and go as these move
+
     def __init__(self, *, margin: float = 0.45) -> None:
         margin = checks.number("margin", margin, low=0.0, unit="m")
         super().__init__(predictions="frozen", horizon=math.inf, margin=margin)
-
-    def reset(self, task: Task, seed: int) -> None:
-        """Search to the goal alone; among frozen obstacles, paths to places beside it come and go as these move."""
-        super().reset(task, seed)
-        self.searches = [self.search]
 
 
 class DStarLite(Follow):
@@ -283,12 +283,19 @@ def contact_radii(
 
 
 def searches_for(task: Task) -> list[SpaceTime]:
-    """Return the searches to the goal's cell and, if there are cells within the tolerance, to the first of these."""
+    """Return the search to the goal's cell, and that of `within_tolerance`."""
+    return [
+        SpaceTime(task.grid, goal_of_cells(task), radius=task.robot.radius, v_max=task.robot.v_max),
+        *within_tolerance(task),
+    ]
+
+
+def within_tolerance(task: Task) -> list[SpaceTime]:
+    """Return the search to the first of the cells within the goal's tolerance, if there are any."""
     robot, tolerance = task.robot, task.goal_tolerance
-    searches = [SpaceTime(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)]
     with suppress(CellBlocked):  # cells may be larger than the tolerance
-        searches.append(SpaceTime(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max, goal_tolerance=tolerance))
-    return searches
+        return [SpaceTime(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max, goal_tolerance=tolerance)]
+    return []
 
 
 def arrival_time(path: TimedPath, task: Task) -> float:

@@ -42,8 +42,12 @@ def _export(what: str, scenario: Any, policies: Sequence[str]) -> object:
     from antway.web.files import exported
     from antway.world.episode import run
 
-    traces = [run(scenario, policy).trace for policy in policies]
-    return exported(what, *(trace for trace in traces if trace is not None))
+    traces = []
+    for policy in policies:
+        trace = run(scenario, policy).trace
+        assert trace is not None
+        traces.append(trace)
+    return exported(what, *traces)
 
 
 def _instance(data: bytes, name: str) -> object:

@@ -299,16 +299,14 @@ def build(
         state[0] = rng.stream(seed, np.uint64(cycle * m + ant))
         if options.attempts > 0 and cycle > 0 and (options.rebuild_every == 0 or (cycle + ant) % options.rebuild_every != 0):
             set_tour(search, order)
-            length = colony.lengths[ant]
-            colony.lengths[ant] -= refine(cities, colony, options, length, options.temperature, state, search, sums)
+            colony.lengths[ant] -= refine(cities, colony, options, ant, options.temperature, state, search, sums)
             copy_row(search.order, order)
             continue
         colony.lengths[ant] = walk(cities, colony, numbers, state[0], order, left, sums)
         if options.breadth >= 0:
             colony.lengths[ant] -= improve(cities, unlogged, order, options.breadth, options.longest)
             if options.rebuild_every > 0:
-                length = colony.lengths[ant]
-                colony.lengths[ant] -= refine(cities, colony, options, length, options.temperature_rebuilt, state, search, sums)
+                colony.lengths[ant] -= refine(cities, colony, options, ant, options.temperature_rebuilt, state, search, sums)
                 copy_row(search.order, order)
 
 
@@ -317,7 +315,7 @@ def refine(
     cities: Cities,
     colony: ColonyState,
     options: LocalSearchOptions,
-    length: float,
+    ant: int,
     temperature: float,
     state: rng.State,
     search: Search,
@@ -327,13 +325,13 @@ def refine(
 
     A longer tour is accepted by the Metropolis rule at a temperature that falls to 0 within the cycle (simulated annealing).
     The change is a double bridge, u B C D -> u D C B on a few dozen cities, which 3-opt cannot undo in one move; the edge
-    from u into D is drawn by Eq. (1). This is done `attempts` times.
-    `length` is that of the tour, and the temperature is in mean edges. Returns the gain.
+    from u into D is drawn by Eq. (1). This is done `attempts` times
+    for the tour of `ant`, at a `temperature` in mean edges at first. Returns the gain.
     """
     n, k = cities.near.shape
     window = min(options.window, (n - 2) // 3)
     total = 0.0
-    temperature *= min(colony.record[BEST], length) / n  # in the first cycle there is no best tour
+    temperature *= min(colony.record[BEST], colony.lengths[ant]) / n  # in the first cycle there is no best tour
     for a in range(options.attempts):
         p = np.int64(rng.below(state, n))
         u = search.order[p]

@@ -21,7 +21,7 @@ from antway.kernels.controls.seeds import SEEDS
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.policies.antway.control_options import ControlOptions
-from antway.policies.antway.response import CARRIED
+from antway.policies.antway.response import was_carried
 from antway.policies.guard import assumed_swerve, relative_swerve
 from antway.world.policy import Command, Observation, Task, commanded
 from antway.world.robots import RobotSpec
@@ -161,8 +161,8 @@ class ControlColony:
         rate, change = turns
         if math.dist(observation.xy, self.task.goal) <= self.task.goal_tolerance:  # it has arrived, and stays
             self._stand_at_goal()
-        if math.dist(self.problem.start[:2], state[:2]) > CARRIED + self.robot.v_max * self.robot.dt:
-            self.nearest = math.inf  # it was carried or found anew, and how near it was does not count any more
+        if was_carried(self.problem.start[:2], state[:2], self.robot):
+            self.nearest = math.inf  # how near it was does not count any more
         self.problem, self.began = self.problem._replace(start=state), start
         problem = self.problem._replace(weights=self._weights_now(start, state, rate, len(knots) > 0))
         margins, outlook = self.margins, problem.outlook

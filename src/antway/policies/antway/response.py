@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +30,7 @@ _LEAST_SPREAD = 0.002  # m; a smaller uncertainty of the robot's place does not 
 _SHOWN = 0.01  # m; from this uncertainty on, explanations tell it
 _AT_ONCE = 8.0  # m/s^2; stands for an infinite acceleration where the robot's place is not known exactly
 _MORE = 0.05  # 1; a robot that stays at a speed though it was asked for this much more, as such a share, cannot go faster
-CARRIED = 1.0  # m; a robot that is by so much more away from its last place than it can drive was carried or found anew
+_CARRIED = 1.0  # m; a robot that is by so much more away from its last place than it can drive was carried or found anew
 _STILL = 0.1  # 1; a robot that measures no speed and moves by less than this share of what was commanded stands
 _KINDS = np.arange(3)  # of errors: GROWS, SLOWS and TURNS
 
@@ -76,7 +77,7 @@ class Response:
             self._take_pending(o)
             return False
         self._take_pending(o)
-        if math.dist(o.xy, before[X : Y + 1]) > CARRIED + self.declared.v_max * self.declared.dt:
+        if was_carried(before[X : Y + 1], o.xy, self.declared):
             self.odometry.pause()
             self.place[:], self.spread = 0.0, 0.0  # the new place is as certain as the first one
             return False
@@ -225,3 +226,8 @@ class Response:
 def tops(robot: RobotSpec) -> tuple[float, float, float]:
     """Return the top speed, that in reverse (m/s) and the top turn rate (rad/s)."""
     return robot.v_max, robot.v_reverse, robot.turn_rate
+
+
+def was_carried(before: Iterable[float], now: Iterable[float], robot: RobotSpec) -> bool:
+    """Tell whether a robot was carried or found anew: it was at `before` m one control period ago, and is at `now` m."""
+    return math.dist(now, before) > _CARRIED + robot.v_max * robot.dt
