@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import threading
 from itertools import permutations
 
 import numpy as np
 import pytest
 
-from antway.ants.front import OBJECTIVES, alternatives, pareto
+from antway.ants.front import OBJECTIVES, Front, alternatives, pareto
 from antway.ants.grid_walk import Ants
 from antway.errors import BadInput
 from antway.grid import Grid, Moves
@@ -22,6 +23,14 @@ from naive import grid_walk as naive
 from test_grid_walk import random_ground, random_weights
 
 
+def costs_to_go(graph: kernel.GridGraph, cost: np.ndarray, turn: float, steps: int) -> np.ndarray:
+    """The costs to go, computed in slices of `steps` cells."""
+    known = kernel.no_costs(graph)
+    while not kernel.costs_to_go(graph, cost, turn, known, steps):
+        pass
+    return known.value
+
+
 def test_costs_to_go_are_the_fixed_point_of_bellmans_equation():
     """Least costs over cells and headings agree with the naive sweeps, whatever the costs of cells and turns."""
     rng = np.random.default_rng(1)
@@ -29,8 +38,10 @@ def test_costs_to_go_are_the_fixed_point_of_bellmans_equation():
         graph = random_ground(rng, 3, 8)
         cost, turn = rng.random(graph.distance.size) + 0.1, float(rng.choice([0.0, 0.3, 5.0]))
         wanted = naive.costs_to_go(graph.net.legal, graph.offsets, Moves.EIGHT.lengths, cost, turn, graph.goal)
-        np.testing.assert_allclose(kernel.costs_to_go(graph.for_kernels, cost, turn), wanted, rtol=1e-9)
-    plain = kernel.costs_to_go(graph.for_kernels, np.ones(cost.size), 0.0)
+        whole = costs_to_go(graph.for_kernels, cost, turn, 10**9)
+        np.testing.assert_allclose(whole, wanted, rtol=1e-9)
+        np.testing.assert_array_equal(costs_to_go(graph.for_kernels, cost, turn, int(rng.integers(1, 9))), whole)
+    plain = costs_to_go(graph.for_kernels, np.ones(cost.size), 0.0, 10**9)
     assert plain[graph.start].min() == pytest.approx(graph.bound)
 
 
@@ -197,6 +208,31 @@ def test_no_way_no_time_and_no_distance_are_told():
     assert [plan.length for plan in alternatives(here)] == [0.0]
     for plan in (*pareto(here).plans, *alternatives(here)):
         check_plan(here, plan)
+
+
+class Later(threading.Event):
+    """An event that is set at the look with this number."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number, self.looks = number, 0
+
+    def is_set(self) -> bool:
+        self.looks += 1
+        return self.looks >= self.number
+
+
+@pytest.mark.parametrize("find", [pareto, alternatives])
+def test_a_front_ends_wherever_its_time_runs_out(find) -> None:
+    """Cancelled at one of the first looks at the clock, a search prepares nothing more, and what it has found is legal."""
+    problem = Problem(Grid(np.zeros((30, 30), dtype=bool)), (0, 0), (29, 20))
+    for number in range(1, 9):
+        cancel = Later(number)
+        found = find(problem, budget=Budget(cycles=10, cancel=cancel), ants=3)
+        assert cancel.looks < number + 40
+        for plan in found.plans if isinstance(found, Front) else found:
+            if len(plan.cells):
+                check_plan(problem, plan)
 
 
 @pytest.mark.parametrize(

@@ -454,6 +454,18 @@ def test_wrong_input_is_one_typed_error(more: dict, field: str) -> None:
     assert caught.value.field == field
 
 
+def test_robots_that_start_elsewhere_visit_their_earlier_start_once() -> None:
+    """It was in the order of each robot, and is now a stop like all others, whoever has time for it."""
+    rng = np.random.default_rng(0)
+    for _ in range(cases(60, 600)):
+        xy = rng.random((8, 2)) * 10
+        matrix = np.hypot(*(xy[:, None] - xy[None]).T)
+        before = order_stops(matrix, robots=2, cycles=5)
+        windows = np.c_[np.zeros(8), rng.random(8) * 12]  # there is always a late one
+        after = order_stops(matrix, start=7, robots=2, windows=windows, initial=before, seconds=0.0, quick=True)
+        sound(after, matrix, 7, None, 2, whole=True)
+
+
 def test_too_many_stops() -> None:
     with pytest.raises(TooLarge) as caught:
         order_stops(np.zeros((5_001, 5_001)))

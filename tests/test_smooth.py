@@ -423,6 +423,14 @@ def test_a_path_that_comes_back_to_a_vertex_is_smoothed(drive: str) -> None:
         check_motion(grid, robot, found.motion)
 
 
+def test_vertices_in_nearly_the_same_place_count_once() -> None:
+    """A plan of another maker may have points a fraction of a nanometre apart, at which no robot can stop in between."""
+    grid, cells = Grid(np.zeros((9, 9), dtype=bool)), np.array([(1, 1), (2, 1), (3, 1)], np.int32)
+    points = np.array([(1.0, 1.0), (1.0 + 1e-11, 1.0 + 1e-10), (3.0, 1.0)])
+    found = smooth(Plan(Status.FOUND, cells, 2.0, points=points), RobotSpec(), grid=grid, trials=1)
+    assert found.motion.length == pytest.approx(2.0)
+
+
 def test_a_path_of_many_kilometres_is_refused() -> None:
     """The memory for its control points has no bound otherwise."""
     path = plan(Grid(np.zeros((3, 30), bool), 1000.0), (500.0, 1500.0), (29_500.0, 1500.0), robot_radius=0.3)

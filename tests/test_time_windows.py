@@ -81,6 +81,17 @@ def test_equal_to_all_permutations(makespan: bool) -> None:
     assert feasible > case / 3
 
 
+@pytest.mark.parametrize("makespan", [False, True])
+def test_no_order_costs_less_than_the_bound_beside_long_arcs(makespan: bool) -> None:
+    """Arcs of 1e9 s make the units of time coarse, to which steps are rounded up; the bound allows for it."""
+    rng = np.random.default_rng(5)
+    for _ in range(cases(40, 400)):
+        matrix = rng.choice([0.0, 0.1, 0.1, 1e9], (6, 6))
+        windows = np.tile([0.0, math.inf], (6, 1))
+        result = solve_tsptw(Tsptw(matrix, windows), objective="makespan" if makespan else "travel time", cycles=0)
+        assert result.bound <= naive.best(matrix.tolist(), windows.tolist(), makespan) * (1 + 1e-12)
+
+
 def test_equal_to_dynamic_programming() -> None:
     rng = np.random.default_rng(5)
     for case in range(cases(8, 300)):

@@ -63,7 +63,7 @@ def test_candidates_lie_on_every_side(metric):
             others = [j for j in range(n) if j != i]
             if metric == "GEO":
                 degrees = np.trunc(xy) + (xy - np.trunc(xy)) / 0.6
-                gaps = [instance.matrix[i, j] for j in others]
+                gaps = [instance.table[i, j] for j in others]
                 turn = (degrees[others, 1] - degrees[i, 1] + 180.0) % 360.0 - 180.0
                 offsets = list(zip(turn, degrees[others, 0] - degrees[i, 0], strict=True))
             else:

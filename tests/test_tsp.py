@@ -6,6 +6,7 @@ import math
 import random
 import threading
 import time
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -203,8 +204,13 @@ def test_matrix_formats(form):
 
 
 def test_geographic_optimum():
-    """burma14, of GEO distances, has its optimum of 3,323."""
-    assert solve_tsp(parse(BURMA.encode()), local_search="2opt", cycles=50).length == 3323
+    """burma14, of GEO distances, has its optimum of 3,323, and so has a copy of another name; its places may be replaced."""
+    burma = parse(BURMA.encode())
+    assert solve_tsp(burma, local_search="2opt", cycles=50).length == 3323
+    assert solve_tsp(replace(burma, name="copy"), local_search="2opt", cycles=50).length == 3323
+    assert replace(burma, xy=[(0.0, 0.0), (0.0, 90.0)]).length([0, 1]) == Tsp([(0.0, 0.0), (0.0, 90.0)], metric="GEO").length(
+        [0, 1]
+    )
 
 
 @needs_data

@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
-from antway.ants.grid_walk import NO_PATH, AntGraph, Ants, plan_of
+from antway.ants.grid_walk import NO_PATH, PART, AntGraph, Ants, plan_of
 from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.colony import grid_walk as kernel
@@ -109,7 +109,9 @@ def pareto(
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
     status = colony.status()
     if status is Status.FOUND:
-        clearance = graph.flat(grid.clearance() / grid.resolution)
+        clearance = np.zeros(graph.distance.size)
+        if "clearance" in names:
+            clearance = graph.flat(grid.clearance() / grid.resolution)
         danger = np.where(np.isfinite(graph.distance), np.pad(risk, 1).ravel(), 0.0)  # no path is elsewhere
         with colony.walkers:
             aims = _weightings(colony, archive, names, clearance, danger)
@@ -193,10 +195,11 @@ def alternatives(
     def new_path(dearer: float) -> NDArray[np.uint8] | None:
         """Return the shortest new path of a cycle."""
         cost = 1.0 + dearer * sum((zone.astype(float) for zone in near), np.zeros(graph.distance.size))
-        value = kernel.costs_to_go(graph.for_kernels, cost, 0.0)
+        value = colony.costs_to_go(cost, 0.0, graph.for_kernels)
         found, longest = None, path_ratio * graph.bound * (1 + 1e-9)
         for beta in KEEN:
-            colony.walk(value, 0.0, beta)
+            if not colony.walk(value, 0.0, beta):
+                continue
             for ant in np.argsort(colony.walkers.length, kind="stable"):
                 if colony.walkers.length[ant] > longest:
                     break
@@ -253,7 +256,7 @@ class _WeightedColony:
 
     def status(self) -> Status:
         """Return NO_PATH or BUDGET if there is nothing to search; else prepare the search and return FOUND."""
-        if self.clock.spent():
+        if self.clock.spent() or not self.graph.known(self.clock):
             return Status.BUDGET
         bound = self.graph.bound
         if bound == math.inf:
@@ -261,8 +264,17 @@ class _WeightedColony:
         self.walkers = Ants(self.graph, self._ants, int(8 * bound) + 64, threads=self._threads)
         return Status.FOUND
 
+    def costs_to_go(self, cost: NDArray[np.float64], turn: float, legal: kernel.GridGraph) -> NDArray[np.float64]:
+        """Return `kernels.colony.grid_walk.costs_to_go`, unfinished if the clock is spent: then no ant walks by them."""
+        known = kernel.no_costs(legal)
+        while not self.clock.spent() and not kernel.costs_to_go(legal, cost, turn, known, PART):
+            pass
+        return known.value
+
     def walk(self, value: NDArray[np.float64], turn: float, beta: float) -> bool:
-        """Let the ants walk by the costs from `kernels.colony.grid_walk.costs_to_go`; tell whether any ant arrived."""
+        """Let the ants walk by the result of `costs_to_go`, unless the clock is spent; tell whether any ant arrived."""
+        if self.clock.spent():
+            return False
         heading = np.full((9, 8), max(math.exp(-beta * turn), 1e-5), dtype=np.float32)
         heading[range(8), range(8)] = heading[8] = 1.0
         self.walkers.walk(kernel.weights_by_cost(value, beta), self.seed, self._walked, self.clock, turn=heading)
@@ -316,7 +328,7 @@ def _weightings(
 
     def aim(turn: float, exposure: float, level: float, legal: kernel.GridGraph) -> tuple[NDArray[np.float64], float]:
         cost = 1.0 + exposure * danger + PURE * (clearance < level)
-        return kernel.costs_to_go(legal, cost, turn), turn
+        return colony.costs_to_go(cost, turn, legal), turn
 
     graph = colony.graph
     widest = min(clearance[graph.start], clearance[graph.goal])
@@ -343,4 +355,5 @@ def _weightings(
     if "clearance" in names and colony.around is not None:
         graphs.append(colony.around)
     chosen = product(*(choices[name] if name in extra else (0.0,) for name in most))
-    return [aim(turn, exposure, level, legal) for turn, exposure, level in chosen for legal in graphs]
+    wanted = ((*numbers, legal) for numbers in chosen for legal in graphs if not colony.clock.spent())
+    return [aim(*one) for one in wanted]

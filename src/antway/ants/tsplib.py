@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import string
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -54,8 +54,7 @@ class Tsp:
     xy : array_like[n, 2] or None
         Places of the cities; |coordinate| <= 1e9. For the metric GEO: latitude and longitude in degrees.minutes.
     matrix : array_like[n, n] or None
-        Symmetric distances >= 0; the diagonal is ignored. Exactly one of `xy` and `matrix` is given; for the metric GEO
-        `matrix` is computed.
+        Symmetric distances >= 0; the diagonal is ignored. Exactly one of `xy` and `matrix` is given.
     metric : str
         How distances follow from `xy`: EUCLID (not rounded), or TSPLIB's EUC_2D, CEIL_2D, ATT or GEO.
     name : str
@@ -77,6 +76,7 @@ class Tsp:
     metric: str = "EUCLID"
     name: str = ""
     optimum: float | None = None
+    table: NDArray[np.float64] | None = field(init=False, repr=False)  # [n, n] `matrix`, or the distances that GEO gives
 
     def __post_init__(self) -> None:
         checks.instance("name", self.name, str)
@@ -94,6 +94,7 @@ class Tsp:
             if (matrix != matrix.T).any() or (matrix < 0).any() or (matrix > 2e9).any():
                 raise BadParameter("matrix", matrix, "symmetric, of distances in [0, 2e9]")
             object.__setattr__(self, "matrix", matrix)
+            object.__setattr__(self, "table", matrix)
             object.__setattr__(self, "metric", "MATRIX")
         else:
             checks.choice("metric", self.metric, [kind for kind in _KINDS if kind != "MATRIX"])
@@ -104,8 +105,7 @@ class Tsp:
             if len(xy) > limit:
                 raise TooLarge("xy", len(xy), f"at most {limit} cities")
             object.__setattr__(self, "xy", xy)
-            if self.metric == "GEO":
-                object.__setattr__(self, "matrix", _geographic(xy))
+            object.__setattr__(self, "table", _geographic(xy) if self.metric == "GEO" else None)
         if self.optimum is not None:
             checks.fields(self, "optimum", low=0.0)
 
@@ -122,8 +122,8 @@ class Tsp:
 
     def _metric(self) -> kernel.Metric:
         """Return the distances for kernels; arrays are writable, so that kernels are compiled for one type only."""
-        xy = np.zeros((0, 2)) if self.xy is None or self.matrix is not None else self.xy.copy()
-        matrix = np.zeros((0, 0)) if self.matrix is None else self.matrix.copy()
+        xy = np.zeros((0, 2)) if self.xy is None or self.table is not None else self.xy.copy()
+        matrix = np.zeros((0, 0)) if self.table is None else self.table.copy()
         return kernel.Metric(_KINDS[self.metric], xy, matrix)
 
     def cities(self, candidates: int, *, by_quadrant: bool = False) -> kernel.Cities:
@@ -137,11 +137,11 @@ class Tsp:
         xy = metric.xy
         if k == n - 1:
             near = np.array([np.delete(np.arange(n), i) for i in range(n)])
-        elif self.matrix is not None and self.xy is not None and by_quadrant:
-            found = _nearest(self.matrix, min(12 * k, n - 1))
+        elif self.table is not None and self.xy is not None and by_quadrant:
+            found = _nearest(self.table, min(12 * k, n - 1))
             near = _by_quadrant(np.arange(n), found, _bearings(self.xy, found), k)
-        elif self.matrix is not None:
-            near = _nearest(self.matrix, k)
+        elif self.table is not None:
+            near = _nearest(self.table, k)
         elif by_quadrant:
             near = _around(xy, k)
         else:
@@ -154,7 +154,7 @@ class Tsp:
         gap = kernel.gaps(metric, near)
         ranking = np.argsort(gap, axis=1, kind="stable")
         near, gap = np.take_along_axis(near, ranking, 1), np.take_along_axis(gap, ranking, 1)
-        if self.matrix is None and n <= _MATRIX_UP_TO:
+        if self.table is None and n <= _MATRIX_UP_TO:
             table = kernel.gaps(metric, np.tile(np.arange(n, dtype=np.uint32), (n, 1)))
             metric = kernel.Metric(kernel.MATRIX, metric.xy, table)
         span = metric.matrix.max(initial=0.0) if metric.matrix.size else float(np.hypot(*np.ptp(xy, axis=0)))

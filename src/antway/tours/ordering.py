@@ -182,7 +182,7 @@ def _initial(stops: Stops, initial: Ordering | object) -> tuple[list[Order] | No
         given, learned = list(initial.orders), initial.pheromone
     else:
         given, learned = [checks.array("initial", initial, (None,))], None  # type: ignore[list-item]
-    n, orders = len(stops.matrix), []
+    n, orders, taken = len(stops.matrix), [], set(stops.ends)
     for order in given:
         listed = order.tolist()
         # A closed tour has its start at both ends.
@@ -190,7 +190,9 @@ def _initial(stops: Stops, initial: Ordering | object) -> tuple[list[Order] | No
         wrong = [stop for stop, times in seen.items() if times > 1 or not (stop >= 0 and stop == int(stop))]
         if wrong:
             raise BadParameter("initial", wrong[0], f"stops 0 to {n - 1}, each at most once")
-        inner = [int(stop) for stop in seen if stop < n and int(stop) not in stops.ends]
+        # An earlier start is in the order of each robot; it is now a stop of the first one.
+        inner = [int(stop) for stop in seen if stop < n and int(stop) not in taken]
+        taken.update(inner)
         tail = [] if stops.end is None else [stops.end]
         orders.append(np.array([stops.start, *inner, *tail], dtype=np.int32))
     return orders or None, learned

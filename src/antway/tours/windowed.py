@@ -108,8 +108,11 @@ class Path:
         """Return a lower bound of the cost of feasible orders."""
         if not self.feasible:
             return 0.0
-        travel = self.windows.bound / self.scale
-        return max(self.windows.opens[-1] / self.scale, travel + self.windows.opens[0] / self.scale) if makespan else travel
+        opens, least = self.windows.opens, self.windows.bound
+        if makespan:
+            least = max(float(opens[-1]), least + float(opens[0]))
+        # Each step, and each opening, may have been rounded up by a unit.
+        return max(least - (0 if self.exact else 2 * len(opens)), 0.0) / self.scale
 
     def late(self, order: Order) -> float:
         """Return the sum of the delays of service."""

@@ -103,7 +103,7 @@ def straight_legs(points: NDArray[np.float64], grid: Grid, robot: RobotSpec) -> 
         before.append(-1)
         for i in range(j - 1, max(j - 1 - _AHEAD, -1), -1):
             away = math.dist(xy[i], xy[j])
-            if away == 0.0:  # the path comes back to a vertex
+            if away <= _STRAIGHT:  # the path comes back to a vertex
                 continue
             time = best[i] + _trapezoid(away, limits.v_max, limits.a_max, limits.brake_max)[-1][0]
             if time < best[j] and clear(i, j):

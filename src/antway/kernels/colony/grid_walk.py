@@ -52,6 +52,16 @@ class Pheromone(NamedTuple):
     tau_max: float  # upper limit
 
 
+class CostsToGo(NamedTuple):
+    """The least costs from each cell to the goal, between two calls of `costs_to_go`."""
+
+    value: Floats  # [N, 8] for each first move; infinite if there is no path
+    least: Floats  # [N] the least of these
+    queue: NDArray[np.int64]  # [N + 1] a ring of cells whose values have decreased
+    waiting: NDArray[np.bool_]  # [N] whether each cell is in the queue
+    ends: NDArray[np.int64]  # [2] place of the first cell in the queue, and the one after the last
+
+
 @kernel
 def visibility(
     graph: GridGraph, distance: Floats, reachable: NDArray[np.bool_], beta: float, detour: bool, low: int, end: int, eta: Floats
@@ -330,21 +340,29 @@ def entropy(tau: Floats) -> float:
 
 
 @kernel
-def costs_to_go(graph: GridGraph, cost: Floats, turn: float) -> Floats:
-    """Return the least cost from each cell to the goal for each first move, float64[N, 8]; infinite if there is no path.
+def no_costs(graph: GridGraph) -> CostsToGo:
+    """Return the costs to go before the first call of `costs_to_go`."""
+    size = graph.legal.size
+    queue = np.empty(size + 1, np.int64)
+    queue[0] = graph.goal
+    value, least = np.full((size, 8), math.inf), np.full(size, math.inf)
+    return CostsToGo(value, least, queue, np.zeros(size, np.bool_), np.array([0, 1]))
+
+
+@bare_kernel
+def costs_to_go(graph: GridGraph, cost: Floats, turn: float, known: CostsToGo, steps: int) -> bool:
+    """Go on with the least costs to the goal, for up to `steps` cells of the queue; tell whether they are final.
 
     A move costs its length times the mean of `cost`, float64[N] > 0, at its ends, plus `turn` >= 0 if the previous move was a
     different one. The method is label correcting, with a queue of cells whose values have decreased.
     """
     legal, offsets, lengths, goal = graph.legal, graph.offsets, graph.lengths, graph.goal
-    size = legal.size + 1
-    value = np.full((legal.size, 8), math.inf)
-    least = np.full(legal.size, math.inf)
-    queue, waiting = np.empty(size, np.int64), np.zeros(legal.size, np.bool_)
-    queue[0], head, tail = goal, 0, 1
-    while head != tail:
+    value, least, queue, waiting = known.value, known.least, known.queue, known.waiting
+    head, tail = known.ends[0], known.ends[1]
+    while head != tail and steps > 0:
+        steps -= 1
         j = queue[head]
-        head = (head + 1) % size
+        head = (head + 1) % queue.size
         waiting[j] = False
         for k in range(8):
             i = j - offsets[k]
@@ -358,8 +376,9 @@ def costs_to_go(graph: GridGraph, cost: Floats, turn: float) -> Floats:
                 if not waiting[i]:
                     waiting[i] = True
                     queue[tail] = i
-                    tail = (tail + 1) % size
-    return value
+                    tail = (tail + 1) % queue.size
+    known.ends[0], known.ends[1] = head, tail
+    return bool(head == tail)
 
 
 @kernel
