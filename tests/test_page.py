@@ -434,6 +434,14 @@ def test_a_server_that_is_gone_is_said(browser: Any) -> None:
     page.context.close()
 
 
+@pytest.mark.parametrize("width", [800, 801])
+def test_choosers_are_wide_enough_for_their_names(browser: Any, address: str, width: int) -> None:
+    """On both sides of the width at which the layout changes, `antway` is read beside the arrow of its chooser."""
+    page, _ = opened(browser, address, (address, "data:"), viewport={"width": width, "height": 600})
+    assert page.locator(".view select").bounding_box()["width"] > 80
+    page.context.close()
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("screen", [DESKTOP, PHONE, ON_ITS_SIDE], ids=["desktop", "phone", "on its side"])
 @pytest.mark.parametrize("path", ["", "tsp"])
@@ -556,7 +564,11 @@ def test_a_run_is_looked_back_at(page: Any) -> None:
     expect(page, "#time").to_have_text("0.3 s")
     assert page.locator(".numbers").inner_text() == shown[3]
     assert page.locator("#scrub").get_attribute("aria-valuetext") == "0.3 s of 0.8 s"
-    for step in range(4, 10):
+    for key, label in ((" ", "Pause"), (" ", "Play"), ("r", "Play")):  # the slider takes the arrows alone
+        page.keyboard.press(key)
+        expect(page, "#play").to_have_attribute("aria-label", label)
+    expect(page, "#time").to_have_text("0.0 s")
+    for step in range(1, 10):
         page.click("#step")
         expect(page, "#time").to_have_text(f"{step / 10:.1f} s")
         assert step > 8 or page.locator(".numbers").inner_text() == shown[step]
@@ -566,6 +578,10 @@ def test_edits_are_kept_and_offered(page: Any, tmp_path: Path) -> None:
     """After an edit and a reload the edit is offered and restored; what is forgotten, or left for another scene, is not."""
     kept = "localStorage.getItem('antway-edits') !== null"
     assert not page.evaluate(kept) and page.locator("#kept").is_hidden()
+    for key in ("Control+z", "Control+Shift+z", "r"):  # there is nothing to undo or redo
+        page.keyboard.press(key)
+    page.wait_for_timeout(1500)  # half a second more than an edit is kept after
+    assert not page.evaluate(kept)
     page.fill("#seed", "5")
     page.keyboard.press("Tab")
     until(page, lambda: page.evaluate(kept))
