@@ -66,6 +66,12 @@ def test_a_plan_in_metres_and_in_cells(antway: Any, room: Path) -> None:
     assert status == 0 and "the shortest" in out and f"{by_cells['length']:.3f} m" in out
 
 
+def test_rounds_that_end_before_the_first_stop_have_no_table_of_stops(antway: Any) -> None:
+    """Nor is the path to the stops visited, which are none, the shortest of anything."""
+    status, out, _ = antway("run", "rounds", "--policy", "follow")
+    assert status == 5 and "0 of 12 stops visited" in out and "arrives" not in out and "0.00 m │     " not in out
+
+
 def test_the_time_of_a_plan_is_that_of_the_search_alone(antway: Any, room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the first call of a planner takes to compile counts neither in `elapsed` nor for --time-limit."""
     import antway as package

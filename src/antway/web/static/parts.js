@@ -142,7 +142,7 @@ function connect(path, take) {
     busy("");
     document.body.dataset.lost = "true";
     for (const control of document.querySelectorAll("button, select, input")) control.disabled = control.id !== "theme";
-    notice("The connection to antway is gone. Start antway serve again and reload this page.");
+    notice("The connection to antway is gone. Reload this page, or start antway serve again and open the address that it prints.");
   });
   return (message) => {
     if (socket.readyState !== WebSocket.OPEN) return;
