@@ -803,18 +803,23 @@ def test_a_long_stroke_is_taken_whole(page: Any) -> None:
 
 def test_what_is_told_between_two_frames(page: Any) -> None:
     """The path driven ends at the robot where a frame covers several cycles; the worst time is that of the cycles counted."""
-    worst, robot, trail = page.evaluate("""async () => {
+    worst, long, robot, trail = page.evaluate("""async () => {
       const { View } = await import("/view.js");
       const card = document.querySelector(".card");
-      View.prototype.spark.call({ card, ms: [0.02, 0.04, 0.03], now: { at: 3 }, stage: { colour: { robot: "#000" } } });
+      const text = card.querySelector(".cycle span");
+      const spark = (ms) => View.prototype.spark.call({ card, ms, now: { at: ms.length }, stage: { colour: {} } });
+      spark(Array(120).fill(1234.56));
+      const long = [text.textContent, text.getBoundingClientRect().right <= card.getBoundingClientRect().right];
+      spark([0.02, 0.04, 0.03]);
       const at = (t, x, n) => ({ t, robot: [x, 0, 0], obstacles: [], tubes: [], braking: [0, 0, 0], at: n });
       const view = {
         before: at(1.0, 1.0, 10), now: at(1.4, 1.4, 14), arrived: 0, trail: Array.from({ length: 15 }, (_, i) => [i / 10, 0]),
         editor: {}, page: { playing: true, speed: 8, scene: { start: [0, 0], goal: [9, 9], radii: [] } },
       };
       const moment = View.prototype.moment.call(view, 20);
-      return [card.querySelector(".cycle span").textContent, moment.robot.x, moment.trail.map(([x]) => x)];
+      return [text.textContent, long, moment.robot.x, moment.trail.map(([x]) => x)];
     }""")
-    assert worst == "0.03 ms a cycle, worst of 3: 0.04 ms"
+    assert worst == "cycle 0.03 ms, worst of 3: 0.04 ms"
+    assert long == ["cycle 1235 ms, worst of 120: 1235 ms", True], "it fits in the panel"
     assert robot == pytest.approx(1.16) and trail[-1] == robot and trail == sorted(trail)
     assert trail == pytest.approx([*(k / 10 for k in range(12)), 1.16])
