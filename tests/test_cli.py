@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import re
@@ -64,6 +65,20 @@ def test_a_plan_in_metres_and_in_cells(antway: Any, room: Path) -> None:
     assert by_cells["xy"][-1] == [12.25, 5.25]
     status, out, _ = antway("plan", room, "--cells", "--start", "10,2", "--goal", "10,24")
     assert status == 0 and "the shortest" in out and f"{by_cells['length']:.3f} m" in out
+
+
+def test_rounds_that_end_before_the_first_stop_have_no_table_of_stops(antway: Any) -> None:
+    """Nor is the path to the stops visited, which are none, the shortest of anything."""
+    status, out, _ = antway("run", "rounds", "--policy", "follow")
+    assert status == 5 and "0 of 12 stops visited" in out and "arrives" not in out and "0.00 m │     " not in out
+
+
+def test_the_page_names_the_packages_that_it_lacks(antway: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are named one by one, because antway itself is on no package index."""
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "uvicorn" else find(name, *more))
+    status, _, err = antway("serve", "--no-browser", "--port", "0")
+    assert status == 2 and err == "error: extra web = 'not installed': must be installed: pip install uvicorn\n"
 
 
 def test_the_time_of_a_plan_is_that_of_the_search_alone(antway: Any, room: Path, monkeypatch: pytest.MonkeyPatch) -> None:

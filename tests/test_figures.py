@@ -17,11 +17,13 @@ from PIL import Image
 
 from antway import BadParameter, Grid, Plan, Problem, RobotSpec, Scenario, Status, World, load_map, plan, plan_tour, run, smooth
 from antway.ants.gridpath import explore
+from antway.ants.timed_front import timed_front
 from antway.ants.tsp import Tsp, solve_tsp
 from antway.arena.store import Row
 from antway.arena.summary import summarise
 from antway.view import animation, charts, colonies, diagrams, drives, figures
 from antway.view.animation import CAPTION, LEGEND, write_animation
+from antway.view.fronts import front_figure
 from antway.view.notebook import pixels
 from antway.view.replay import write_replay
 from antway.view.rounds import rounds_figure
@@ -77,6 +79,7 @@ def every_figure() -> dict[str, Figure]:
         ),
         "sensitivity": colonies.sensitivity_figure("beta", [1, 2, 5], [[9, 8.5], [8, 8], [8, 9]], optimum=8.0),
         "motion": motion_figure(),
+        "front": front_figure(square_room, timed_front(Problem(square_room, (0, 0), (18, 18)), radius=0.3, horizon=60.0)),
         "success": charts.success_figure(summarise(ROWS)),
         "time-ratio": charts.time_ratio_figure(ROWS),
         "chart 1": diagrams.ant_system_chart(),

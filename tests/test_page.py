@@ -429,8 +429,16 @@ def test_a_server_that_is_gone_is_said(browser: Any) -> None:
     with served() as port:
         own = f"http://127.0.0.1:{port}/"
         page, _ = opened(browser, own, (own, "data:"), **DESKTOP)
-    expect(page, "#notice").to_contain_text("connection to antway is gone")
+    expect(page, "#notice").to_contain_text("open the address that it prints")  # a new server has another token
     assert page.locator("button:enabled:visible").count() == 1, "the theme's alone"
+    page.context.close()
+
+
+@pytest.mark.parametrize("width", [800, 801])
+def test_choosers_are_wide_enough_for_their_names(browser: Any, address: str, width: int) -> None:
+    """On both sides of the width at which the layout changes, `antway` is read beside the arrow of its chooser."""
+    page, _ = opened(browser, address, (address, "data:"), viewport={"width": width, "height": 600})
+    assert page.locator(".view select").bounding_box()["width"] > 80
     page.context.close()
 
 
@@ -556,7 +564,11 @@ def test_a_run_is_looked_back_at(page: Any) -> None:
     expect(page, "#time").to_have_text("0.3 s")
     assert page.locator(".numbers").inner_text() == shown[3]
     assert page.locator("#scrub").get_attribute("aria-valuetext") == "0.3 s of 0.8 s"
-    for step in range(4, 10):
+    for key, label in ((" ", "Pause"), (" ", "Play"), ("r", "Play")):  # the slider takes the arrows alone
+        page.keyboard.press(key)
+        expect(page, "#play").to_have_attribute("aria-label", label)
+    expect(page, "#time").to_have_text("0.0 s")
+    for step in range(1, 10):
         page.click("#step")
         expect(page, "#time").to_have_text(f"{step / 10:.1f} s")
         assert step > 8 or page.locator(".numbers").inner_text() == shown[step]
@@ -566,6 +578,10 @@ def test_edits_are_kept_and_offered(page: Any, tmp_path: Path) -> None:
     """After an edit and a reload the edit is offered and restored; what is forgotten, or left for another scene, is not."""
     kept = "localStorage.getItem('antway-edits') !== null"
     assert not page.evaluate(kept) and page.locator("#kept").is_hidden()
+    for key in ("Control+z", "Control+Shift+z", "r"):  # there is nothing to undo or redo
+        page.keyboard.press(key)
+    page.wait_for_timeout(1500)  # half a second more than an edit is kept after
+    assert not page.evaluate(kept)
     page.fill("#seed", "5")
     page.keyboard.press("Tab")
     until(page, lambda: page.evaluate(kept))
@@ -787,18 +803,23 @@ def test_a_long_stroke_is_taken_whole(page: Any) -> None:
 
 def test_what_is_told_between_two_frames(page: Any) -> None:
     """The path driven ends at the robot where a frame covers several cycles; the worst time is that of the cycles counted."""
-    worst, robot, trail = page.evaluate("""async () => {
+    worst, long, robot, trail = page.evaluate("""async () => {
       const { View } = await import("/view.js");
       const card = document.querySelector(".card");
-      View.prototype.spark.call({ card, ms: [0.02, 0.04, 0.03], now: { at: 3 }, stage: { colour: { robot: "#000" } } });
+      const text = card.querySelector(".cycle span");
+      const spark = (ms) => View.prototype.spark.call({ card, ms, now: { at: ms.length }, stage: { colour: {} } });
+      spark(Array(120).fill(1234.56));
+      const long = [text.textContent, text.getBoundingClientRect().right <= card.getBoundingClientRect().right];
+      spark([0.02, 0.04, 0.03]);
       const at = (t, x, n) => ({ t, robot: [x, 0, 0], obstacles: [], tubes: [], braking: [0, 0, 0], at: n });
       const view = {
         before: at(1.0, 1.0, 10), now: at(1.4, 1.4, 14), arrived: 0, trail: Array.from({ length: 15 }, (_, i) => [i / 10, 0]),
         editor: {}, page: { playing: true, speed: 8, scene: { start: [0, 0], goal: [9, 9], radii: [] } },
       };
       const moment = View.prototype.moment.call(view, 20);
-      return [card.querySelector(".cycle span").textContent, moment.robot.x, moment.trail.map(([x]) => x)];
+      return [text.textContent, long, moment.robot.x, moment.trail.map(([x]) => x)];
     }""")
-    assert worst == "0.03 ms a cycle, worst of 3: 0.04 ms"
+    assert worst == "cycle 0.03 ms, worst of 3: 0.04 ms"
+    assert long == ["cycle 1235 ms, worst of 120: 1235 ms", True], "it fits in the panel"
     assert robot == pytest.approx(1.16) and trail[-1] == robot and trail == sorted(trail)
     assert trail == pytest.approx([*(k / 10 for k in range(12)), 1.16])

@@ -234,7 +234,7 @@ def test_a_person_can_play_step_scrub_and_switch(browser: Any, tmp_path: Path) -
     drawn(page)
     assert pixels(page, "robot") > 0 and pixels(page, "moving") != red
     page.keyboard.press("f")
-    page.keyboard.press("t")
+    page.keyboard.press("T")
     assert page.evaluate("document.documentElement.dataset.theme") == "dark"
     page.select_option("#speed", "8")
     page.locator("#scrub").focus()

@@ -387,8 +387,9 @@ def serve_command(
     import webbrowser
     from contextlib import suppress
 
-    if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn", "httptools", "websockets")):
-        raise BadParameter("antway[web]", "not installed", "installed: pip install 'antway[web]'")
+    missing = [name for name in ("starlette", "uvicorn", "httptools", "websockets") if importlib.util.find_spec(name) is None]
+    if missing:
+        raise BadParameter("extra web", "not installed", f"installed: pip install {' '.join(missing)}")
     from antway.web.server import serve
 
     def ready(url: str) -> None:

@@ -282,7 +282,7 @@ def print_table(summaries: list[tuple[str, dict[str, Any]]]) -> None:
             (n["outcome"], "green" if n["reached"] else "red"),
             _shown(n["time"], ".1f", " s"),
             _shown(n["length"], ".2f", " m"),
-            _shown(n["shortest"], ".2f", " m"),
+            _shown(n["shortest"] or None, ".2f", " m"),
             _shown(n["length_ratio"] and round(100 * (n["length_ratio"] - 1), 1) + 0.0, "+.1f", " %"),
             str(n["waits"]),
             str(n["replans"]),
@@ -355,7 +355,8 @@ def print_rounds(numbers: dict[str, Any]) -> None:
         waited = f"{waits:.1f} s" if waits > 0 else "-"
         late = (f"{visit['late']:.1f} s", "red") if visit["late"] > 0 else "-"
         rows.append((str(n), visit["stop"], f"{visit['arrival']:.1f} s", waited, f"{visit['end']:.1f} s", late))
-    _print_cells("Stops", ("visit", "stop", "arrives", "waits", "leaves", "late"), "stop", rows)
+    if rows:
+        _print_cells("Stops", ("visit", "stop", "arrives", "waits", "leaves", "late"), "stop", rows)
     late_in_all = f"{numbers['lateness']:.1f} s late in all" if numbers["lateness"] > 0 else "none late"
     print(f"{numbers['visited']} of {numbers['stops']} stops visited, {late_in_all}; orders decided on: {numbers['orders']}")
 

@@ -66,7 +66,7 @@ def front_figure(grid: Grid, front: TimedFront, obstacles: Timeline | None = Non
     draw_ends(left, *front.paths[0].xy[[0, -1]])
     left.set_title("Trade-offs of time, distance and clearance")
     count = f"{len(front.paths)} path{'' if len(front.paths) == 1 else 's'}"
-    right.set(title=f"The front: {count}, with clearances from moving obstacles in m", xlabel="time (s)", ylabel="distance (m)")
+    right.set(title=f"The front: {count}, with clearance in m", xlabel="time (s)", ylabel="distance (m)")
     style.graph(right)
     right.margins(0.12)
     return style.legend_below(left, columns=3, more=list(zip(*right.get_legend_handles_labels())))

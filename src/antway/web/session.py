@@ -29,7 +29,7 @@ from antway.web.view import Message, View, shades, short, short_rows
 from antway.web.workers import EXPORT_SECONDS
 from antway.world import policy
 from antway.world.motions import Bounce, Line, Waypoints
-from antway.world.scenario import Scenario, load_scenario
+from antway.world.scenario import MAX_STEPS, Scenario, load_scenario
 from antway.world.stops import Stop
 from antway.world.world import Obstacle, World
 
@@ -203,9 +203,9 @@ class Session(Tab):
         return [self.describe()]
 
     def do_at(self, message: Message) -> None:
-        """Show an earlier moment of the run, or the latest."""
-        step = checks.integer("step", message.get("step"), low=0, high=self.steps)
-        self.playing, self.at = False, step
+        """Show an earlier moment of the run, or the latest: the run may have been started again since the page asked."""
+        step = checks.integer("step", message.get("step"), low=0, high=MAX_STEPS)
+        self.playing, self.at = False, min(step, self.steps)
         for view in self.views:
             view.look, view.idle = None, ""
 

@@ -265,11 +265,11 @@ function listen() {
     const faster = (by) => setSpeed(SPEEDS[Math.min(SPEEDS.length - 1, Math.max(0, SPEEDS.indexOf(state.speed) + by))]);
     const onButton = ["BUTTON", "INPUT", "SUMMARY"].includes(event.target.tagName) && event.target.type !== "range";
     const keys = {
-      " ": () => onButton || setPlaying(!state.playing), ArrowLeft: () => seek(longest.stepAt(state.time) - 1), ArrowRight: () => seek(longest.stepAt(state.time) + 1),
-      Home: () => seek(0), End: () => seek(last), n: () => seek(nextEncounter()), "+": () => faster(1), "-": () => faster(-1),
+      " ": () => onButton || setPlaying(!state.playing), arrowleft: () => seek(longest.stepAt(state.time) - 1), arrowright: () => seek(longest.stepAt(state.time) + 1),
+      home: () => seek(0), end: () => seek(last), n: () => seek(nextEncounter()), "+": () => faster(1), "-": () => faster(-1),
       t: () => byId("theme").click(), f: () => byId("fit").click(), s: picture,
     };
-    const action = keys[event.key] ?? toggle(Number(event.key));
+    const action = keys[event.key.toLowerCase()] ?? toggle(Number(event.key));
     if (!action) return;
     if (!(event.key === " " && onButton)) event.preventDefault();
     action();

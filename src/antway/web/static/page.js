@@ -177,7 +177,7 @@ let scrubbing = 0;
 function scrub() {
   scrubbing ||= setTimeout(() => {
     scrubbing = 0;
-    request({ op: "at", step: Math.min(page.steps, Number(byId("scrub").value)) });
+    request({ op: "at", step: Number(byId("scrub").value) });
   }, 60);
 }
 
@@ -293,7 +293,7 @@ function listen() {
   const tools = { v: "hand", w: "wall", e: "erase", o: "obstacle", p: "waypoints", s: "stop" };
   listenToKeys((key, event, onButton) => {
     if (["link-box", "ask-box", "pixel-box"].some((id) => byId(id).open)) return null;
-    if (event.ctrlKey || event.metaKey) return key === "z" && (event.shiftKey ? actions.redo : actions.undo);
+    if (event.ctrlKey || event.metaKey) return key === "z" && (() => byId(event.shiftKey ? "redo" : "undo").click());
     const keys = {
       " ": onButton ? null : actions.play, arrowright: () => byId("step").disabled || actions.step(), arrowleft: () => byId("back").disabled || actions.back(), a: () => byId("ants").disabled || actions.ants(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),
       enter: onButton || !editor.gesture ? null : actions.done, "?": actions.help, f: actions.fit, t: changeTheme, c: actions.compare, escape: () => (closeMenu(), editor.drop(), notice("")),

@@ -113,12 +113,13 @@ function menus() {
 }
 
 // Call what `actionOf(key, event, onButton)` returns for a key pressed outside text fields and choosers; on a button, space and
-// Enter press the button.
+// Enter press the button, and on the slider arrows move it.
 function listenToKeys(actionOf) {
   document.addEventListener("keydown", (event) => {
     const { tagName, type } = event.target;
-    if (event.altKey || tagName === "SELECT" || (tagName === "INPUT" && type !== "checkbox")) return;
-    const action = actionOf(event.key.toLowerCase(), event, ["BUTTON", "INPUT", "SUMMARY"].includes(tagName));
+    const own = type === "range" ? event.key.startsWith("Arrow") : tagName === "SELECT" || (tagName === "INPUT" && type !== "checkbox");
+    if (event.altKey || own) return;
+    const action = actionOf(event.key.toLowerCase(), event, ["BUTTON", "INPUT", "SUMMARY"].includes(tagName) && type !== "range");
     if (!action) return;
     event.preventDefault();
     action();
@@ -141,7 +142,7 @@ function connect(path, take) {
     busy("");
     document.body.dataset.lost = "true";
     for (const control of document.querySelectorAll("button, select, input")) control.disabled = control.id !== "theme";
-    notice("The connection to antway is gone. Start antway serve again and reload this page.");
+    notice("The connection to antway is gone. Reload this page, or start antway serve again and open the address that it prints.");
   });
   return (message) => {
     if (socket.readyState !== WebSocket.OPEN) return;

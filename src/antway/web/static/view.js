@@ -4,6 +4,8 @@ import { byId, factsOf, fixed, kindOf, make, pointOn } from "/common.js";
 import { CYCLE, named } from "/terms.js";
 import { choices, shadeMask } from "/parts.js";
 
+const inMs = (ms) => fixed(ms, ms < 10 ? 2 : 0, "ms");
+
 class View {
   // `page` is as in page.js, `editor` takes gestures on the stage.
   constructor(page, editor) {
@@ -163,7 +165,7 @@ class View {
       const high = Math.max(2, (54 * Math.log(Math.max(ms, 0.01) / 0.01)) / Math.log(top / 0.01));
       c.fillRect(i * 2, 56 - high, 1.6, high);
     });
-    this.card.querySelector(".cycle span").textContent = last.length ? `${fixed(last.at(-1), 2, "ms")} a cycle, worst of ${last.length}: ${fixed(worst, worst < 1 ? 2 : 1, "ms")}` : "";
+    this.card.querySelector(".cycle span").textContent = last.length ? `cycle ${inMs(last.at(-1))}, worst of ${last.length}: ${inMs(worst)}` : "";
   }
 }
 
