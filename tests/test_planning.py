@@ -132,3 +132,4 @@ def test_a_plan_knows_its_metres_and_its_gap() -> None:
     assert plan.gap == 0.0
     unproved = Plan(Status.FOUND, plan.cells, 0.5)
     assert unproved.gap == math.inf and repr(unproved).endswith("nothing proved)")
+    assert repr(Plan(Status.FOUND, plan.cells[:1], 0.0, optimal=True)) == "Plan(found, 0.000 m, 1 cell, optimal)"

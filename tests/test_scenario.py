@@ -166,6 +166,13 @@ def test_wrong_files_are_refused_by_name(hall: Path, old: str, new: str, field: 
     assert "hall.toml" in str(caught.value)
 
 
+def test_keys_of_the_scenario_below_a_table_are_named_with_it(hall: Path) -> None:
+    """Who writes `map` below `[robot]` is told so, not only that there is no map."""
+    hall.write_text('[robot]\nradius = 0.3\nmap = "hall.txt"\nstart = [1.5, 1.5]\ngoal = [5, 1.5]\n')
+    with pytest.raises(BadInput, match=r"robot\.map"):
+        load_scenario(hall)
+
+
 def test_links_out_of_the_folder_are_refused(hall: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     """A link that leads out of the scenario's folder is not followed."""
     outside = tmp_path_factory.mktemp("outside") / "map.txt"

@@ -177,13 +177,13 @@ class InvalidPlan(AntwayError):
 
 
 def described_error(error: BaseException) -> str:
-    """Return the message of an exception in one line, and the last Python frame of its traceback.
+    """Return the message of an exception in one line, and the last frame of its traceback in a file.
 
     Examples
     --------
     >>> described_error(KeyError("no such door"))
     "KeyError: 'no such door'"
     """
-    frames = traceback.extract_tb(error.__traceback__)
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith("<frozen")]
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno}, in {frames[-1].name})" if frames else ""
     return f"{type(error).__name__}: {' '.join(str(error).split())}{where}"

@@ -201,7 +201,8 @@ class Plan:
             return f"Plan({self.status.value})"
         within = f"within {100 * self.gap:.1f} % of the best" if math.isfinite(self.gap) else "nothing proved"
         proof = "optimal" if self.optimal else within
-        return f"Plan({self.status.value}, {self.length:.3f} m, {len(self.cells)} cells, {proof})"
+        cells = f"{len(self.cells)} cell{'s' * (len(self.cells) > 1)}"
+        return f"Plan({self.status.value}, {self.length:.3f} m, {cells}, {proof})"
 
     def _repr_html_(self) -> str:
         return str(drawing().html(self))

@@ -168,13 +168,13 @@ def load_scenario(path: str | Path) -> Scenario:
 
 
 def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
-    check_keys(record, "", _TOP, ("map", "start", "goal"), where)
     values = dict(record)
+    robot = _robot(values.pop("robot", {}), where)  # first: keys of the scenario that stand below [robot] are named so
+    sensor = from_table("sensor", Sensor, values.pop("sensor", {}), where)
+    check_keys(record, "", _TOP, ("map", "start", "goal"), where)
     size = {name: values.pop(name) for name in ("resolution", "occupied") if name in values}
     shown = {name: values.pop(name) for name in ("top_first",) if name in values}
     grid = load_map(_file_below(values["map"], "map", folder, where), **size).turned()
-    robot = _robot(values.pop("robot", {}), where)
-    sensor = from_table("sensor", Sensor, values.pop("sensor", {}), where)
     listed = values.pop("obstacles", [])
     if not isinstance(listed, list):
         raise BadScenario("obstacles", listed, "a list of tables [[obstacles]]", where=where)
