@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from antway.errors import BadInput, BadMap, BadParameter, BadScenario
+from antway.grid import Grid
+from antway.ros2 import convert
 from antway.ros2.convert import read_odometry, seconds
 from common import cases
 from sample import sample_trace
@@ -73,6 +75,18 @@ def test_a_start_that_no_stamp_holds_is_refused_before_a_folder_is_there(tmp_pat
             save_bag(trace, tmp_path / "bag", start=start)
         assert not (tmp_path / "bag").exists()
     assert save_bag(trace, tmp_path / "bag", start=2.0**31 - 1.0 - float(trace.t[-1]))["/odom"] == len(trace) + 1
+
+
+def test_of_many_maps_only_the_last_is_kept(tmp_path) -> None:
+    """A bag of slam_toolbox holds a map each 5 s: all of them together used to be too large for the memory of the reader."""
+    grids = [Grid(np.zeros((3, 4 + k), bool), 0.5) for k in range(3)]
+    with bags.Writer(tmp_path / "bag", version=9, storage_plugin=bags.STORES["mcap"]) as writer:
+        line = writer.add_connection("/map", "nav_msgs/msg/OccupancyGrid", typestore=bags._TYPES)
+        for k, grid in enumerate(grids):
+            message = convert.grid_message(grid, bags.make)
+            writer.write(line, k, bags._TYPES.serialize_cdr(message, "nav_msgs/msg/OccupancyGrid"))
+    assert bags.read_topic(str(tmp_path / "bag"), "/map", None) == [grids[-1]]
+    assert load_bag_map(tmp_path / "bag") == grids[-1]
 
 
 def test_mcap_ros2_support_reads_what_was_written(tmp_path):

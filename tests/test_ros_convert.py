@@ -148,6 +148,26 @@ def test_the_time_of_a_scene_is_that_of_its_oldest_disc() -> None:
     assert convert.read_markers(convert.markers_message(Tracks.none(), 20.0))[0] == 20.0
 
 
+def test_discs_with_newer_stamps_are_moved_back_to_the_time_of_the_scene() -> None:
+    """Who was at x = 3 m at 10.5 s, with 2 m/s, was at 2 m at 10 s; with an unknown velocity he stays."""
+    velocity = np.array([[0.0, 0.0], [2.0, -1.0], [math.nan, math.nan]])
+    tracks = Tracks(np.arange(3), np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]), velocity, np.full(3, 0.3))
+    message = convert.markers_message(tracks, 10.5)
+    message.markers[1].header = convert.header_message(10.0, "map")
+    t, found = convert.read_markers(message)
+    assert t == 10.0 and found.xy.tolist() == [[1.0, 2.0], [2.0, 4.5], [5.0, 6.0]]
+
+
+def test_the_points_of_an_arrow_are_in_the_frame_of_its_pose() -> None:
+    """An arrow along x whose pose is turned by a right angle is a velocity along y, as RViz shows it; 0 0 0 0 is no turn."""
+    for yaw, expected in ((0.0, (0.5, 0.0)), (math.pi / 2, (0.0, 0.5)), (-math.pi / 2, (0.0, -0.5)), (None, (0.5, 0.0))):
+        tracks = Tracks(np.array([3]), np.array([[1.0, 2.0]]), np.array([[0.5, 0.0]]), np.array([0.3]))
+        message = convert.markers_message(tracks, 1.0)
+        q = convert.plain("", x=0.0, y=0.0, z=0.0, w=0.0)
+        message.markers[-1].pose.orientation = q if yaw is None else convert.pose_message(4.0, 5.0, yaw).orientation
+        assert convert.read_markers(message)[1].velocity[0] == pytest.approx(expected)
+
+
 def test_only_what_is_used_of_markers_has_a_place() -> None:
     """A text in the robot's frame is ignored, as texts are; it used to make the robot stand."""
     tracks = Tracks(np.array([3]), np.array([[1.0, 2.0]]), np.array([[0.5, 0.0]]), np.array([0.3]))

@@ -103,6 +103,21 @@ def test_tracking_measures_from_the_nearest_point():
     assert tracking(straight[:1], (3.0, 4.0), 0.0).left == 5.0
 
 
+def test_a_simulation_that_is_ten_times_as_fast_is_no_jump_of_the_clock() -> None:
+    """A cycle of 0.15 s is 1.5 s there: the plan that it made used to be dropped, and was made again, for ever."""
+    pilot, jump = Pilot(settings()), "odometry's clock jumped"
+    pilot.receive_map(ROOM)
+    pilot.go(Goal((10.0, 4.0)))
+    reasons, now = [], 0.0
+    for k in range(40):
+        now += 0.15 if k % 8 == 7 else 0.01
+        pilot.scan = (10.0 * now, NOBODY)
+        answer = pilot.receive_odometry(Odometry(10.0 * now, (2.0, 4.0), (0.0, 0.0), 0.0), now)
+        reasons.append(answer.reason if answer else "")
+    assert not any(jump in reason for reason in reasons) and any("follow" in reason for reason in reasons)
+    assert jump in pilot.receive_odometry(Odometry(10.0 * now + 2.0, (2.0, 4.0), (0.0, 0.0), 0.0), now + 0.01).reason
+
+
 # Nav2
 
 

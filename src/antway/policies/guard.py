@@ -27,7 +27,6 @@ _EARLY = 1e-6  # s; a stamp that is ahead by less is now
 _NEWER = 0.05  # s; a scan that is newer than the robot's place by more is not used
 _MARGIN = 0.01  # m; distance that robots with inertia keep from walls
 _TRACKS = 128  # number of tracks for which there is memory at first
-_NOW = 1e-9  # s; a track that is no older was seen in the last scan, and that was now
 DID = ("free", "slowed", "braked", "stepped-aside", "least-harm")
 MODES = ("strict", "least-harm")
 _STOP = Command((0.0, 0.0))
@@ -141,10 +140,10 @@ class Guard:
     The mode "strict" guarantees passive safety: there is no contact while the robot moves. It assumes that obstacles are seen
     early enough and stay within the declared bounds on their speed, its growth and the change of their velocity
     (`Task.obstacle_speed`, `obstacle_surge`, `obstacle_swerve`). The bound on the change of velocity does not apply where a
-    wall may reflect an obstacle, or while it is not seen, or not exactly, or without a velocity; it is infinite unless
-    declared. Obstacles may still run into a robot that has stopped. Observations raise a track's bounds on its speed and on the
-    growth of that at once, and the speed bound of all tracks slowly. "least-harm" guarantees nothing, but has fewer contacts in
-    total among people (docs/people.md).
+    wall may reflect an obstacle, or if the last scan does not show it exactly and with a velocity, and it
+    is infinite unless declared. Obstacles may still run into a robot that has stopped. Observations raise a track's bounds on
+    its speed and on the growth of that at once, and the speed bound of all tracks slowly. "least-harm" guarantees nothing, but
+    has fewer contacts in total among people (docs/people.md).
     """
 
     def __init__(self, *, timeout: float = 0.5, hold: float = 0.5, lookahead: float = 1.5, mode: str = "strict") -> None:
@@ -158,7 +157,7 @@ class Guard:
         self.bounds = np.array([task.obstacle_speed, task.obstacle_surge, math.inf, 0.0, 0.0, 0.0])
         self.table, self.count = np.zeros((_TRACKS, kernel.TABLE_COLUMNS)), 0
         self.tracks, self.spread = np.empty((_TRACKS, COLUMNS)), np.zeros(_TRACKS)
-        self.seen = np.zeros(0, np.bool_)  # which tracks are seen now with a velocity
+        self.seen = np.zeros(0, np.bool_)  # which tracks the last scan shows with a velocity
         self.last_stamp = -math.inf
         self.did = self.why = ""
         self.dynamic: _Dynamic | None = None
@@ -244,24 +243,24 @@ class Guard:
         n = self.count = kernel.within_reach(
             self.table, self.count, o.t, stamp, self.hold, *scan, self.spread, self.bounds, self.tracks
         )
-        # Whose velocity is not known may go anywhere, as may an obstacle that is not seen now.
-        self.seen = (self.tracks[:n, AGE] < _NOW) & (self.table[:n, kernel.TRACK_SPEED] >= 0.0)
+        # Whose velocity is not known may go anywhere, as may an obstacle that the last scan does not show.
+        self.seen = (self.tracks[:n, AGE] <= o.t - stamp) & (self.table[:n, kernel.TRACK_SPEED] >= 0.0)
         swerve = self.task.obstacle_swerve
         if self.walls is None or t.covariance is not None or swerve == math.inf:
             return self.tracks[:n]
         rows = np.empty((2 * n, COLUMNS))
         rows[:n] = self.tracks[:n]
-        return rows[: _bounded(rows, n, self.seen, swerve, self.walls, stopping)]
+        return rows[: _bounded(rows, n, self.seen, swerve, self.walls, o.t - stamp + stopping)]
 
 
-def _bounded(rows: NDArray[np.float64], n: int, seen: NDArray[np.bool_], swerve: float, walls: Walls, stopping: float) -> int:
-    """Bound the changes of velocity of those of `n` rows that are `seen` now with a velocity; return the new number of rows.
+def _bounded(rows: NDArray[np.float64], n: int, seen: NDArray[np.bool_], swerve: float, walls: Walls, time: float) -> int:
+    """Bound the changes of velocity of those of `n` rows that are `seen` with a velocity; return the new number of rows.
 
-    An obstacle that could meet a wall within `stopping` s gets a second row for the time after that. Any other obstacle may go
-    anywhere with its speed.
+    An obstacle that could meet a wall within `time` s from the scan on gets a second row for the time after that. Any other
+    obstacle may go anywhere with its speed.
     """
     rows[:n, ACCEL] = np.where(seen, swerve, math.inf)
-    return split_at_walls(rows, n, walls, stopping)
+    return split_at_walls(rows, n, walls, time)
 
 
 class _Dynamic:
@@ -293,18 +292,20 @@ class _Dynamic:
     ) -> tuple[Command, int]:
         """Return the first of the given commands that passes, or another one, and what was done.
 
-        `seen` tells of each track whether it is seen now with a velocity, whose changes are bounded.
+        `seen` tells of each track whether the last scan shows it with a velocity, whose changes are bounded.
         """
         if 2 * len(tracks) > len(self.rows):
             self.rows = np.empty((4 * len(tracks), COLUMNS))
             self.record = self.record._replace(rows=np.empty((4 * len(tracks), COLUMNS)))
         rows, n = self.rows, len(tracks)
-        # A track that was seen some time ago becomes one that is seen now: a disc of all places that it can have reached.
+        bounded = o.tracks.covariance is None and self.swerve < math.inf
+        # What may go anywhere becomes a track that is seen now: a disc of all places that it can have reached.
+        age = np.where(seen & bounded, 0.0, tracks[:, AGE])
         rows[:n] = tracks
-        rows[:n, RADIUS] += tracks[:, SPEED] * tracks[:, AGE]
-        rows[:n, ACCEL], rows[:n, AGE] = math.inf, 0.0
-        if o.tracks.covariance is None and self.swerve < math.inf:
-            n = _bounded(rows, n, seen, self.swerve, self.record.walls, self.stopping(o))
+        rows[:n, RADIUS] += tracks[:, SPEED] * age
+        rows[:n, ACCEL], rows[:n, AGE] = math.inf, tracks[:, AGE] - age
+        if bounded:
+            n = _bounded(rows, n, seen, self.swerve, self.record.walls, o.t - o.sensed_at + self.stopping(o))
         state = self.state_at_action(o)
         one, two, did = call(passed_among, state, asked, rows[:n], self.record, lookahead + self.aside)
         return self._command(o, one, two), did

@@ -210,7 +210,7 @@ def serve() -> None:
 def read_topic(path: str, topic: str, radius: float | None) -> list[Any]:
     """Read all messages on `topic`; their number must be that in the metadata.
 
-    They are maps if `radius` is None, else (t in s, tracks), where poses are discs of `radius` m.
+    If `radius` is None, they are maps, of which the last is returned, else (t in s, tracks); poses are discs of `radius` m.
     """
     error: type[BadMap] | type[BadScenario] = BadMap if radius is None else BadScenario
     readers: dict[str, Callable[[Any], Any]] = {"nav_msgs/msg/OccupancyGrid": convert.read_grid}
@@ -219,7 +219,7 @@ def read_topic(path: str, topic: str, radius: float | None) -> list[Any]:
             "visualization_msgs/msg/MarkerArray": convert.read_markers,
             "geometry_msgs/msg/PoseArray": lambda message: convert.read_poses(message, radius),
         }
-    found = []
+    found, count = list[Any](), 0
     try:
         with AnyReader([Path(path)], default_typestore=_TYPES) as reader:
             lines = [line for line in reader.connections if line.topic == topic and line.msgtype in readers]
@@ -230,6 +230,9 @@ def read_topic(path: str, topic: str, radius: float | None) -> list[Any]:
             if promised > MAX_MESSAGES:
                 raise TooLarge(f"messages on {topic}", promised, f"at most {MAX_MESSAGES}", where=path)
             for line, _, data in reader.messages(connections=lines):
+                count += 1
+                if radius is None:
+                    found.clear()
                 found.append(readers[line.msgtype](reader.deserialize(data, line.msgtype)))
     except BadInput:
         raise
@@ -237,6 +240,6 @@ def read_topic(path: str, topic: str, radius: float | None) -> list[Any]:
         raise TooLarge("bag", "unpacks to more", f"what {MAX_BYTES} bytes of memory hold", where=path) from None
     except Exception as fault:  # for damaged bytes the library raises exceptions of any type
         raise error("bag", f"{type(fault).__name__}: {fault}"[:200], "a readable bag of ROS 2", where=path) from None
-    if len(found) != promised:
-        raise error(f"messages on {topic}", len(found), f"the {promised} of the bag's metadata", where=path)
+    if count != promised:
+        raise error(f"messages on {topic}", count, f"the {promised} of the bag's metadata", where=path)
     return found

@@ -22,7 +22,7 @@ from antway.kernels.base.geometry import wrap
 from antway.kernels.robot.dynamics import drive
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 from antway.maps.limits import DEFAULT
-from antway.ros2.frames import Odometry
+from antway.ros2.frames import Odometry, turn
 from antway.world.policy import XY, Command, RobotSpec, Tracks
 from antway.world.robots import towards
 
@@ -329,7 +329,8 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
     disc around it. Discs of several namespaces that have the same id have no name. An added arrow with the id of a disc from
     points[0] to points[1] is its velocity (m in 1 s): that of its namespace, or one whose namespace has no such disc. Without
     an arrow the velocity is unknown. Lines, texts, other arrows and other actions are ignored. The time is the oldest stamp of
-    a disc or, in a scene without discs, the latest stamp, so that even an empty scene needs a marker: delete-all.
+    a disc, until which discs with newer stamps are moved back by their velocities, or, in a scene without discs, the latest
+    stamp, so that even an empty scene needs a marker: delete-all.
 
     Raises
     ------
@@ -357,7 +358,8 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
             discs[name] = (x, y, checks.number("scale", diameter, low=0.0, open_low=True, unit="m", where=where) / 2)
         elif marker.type == ARROW and len(marker.points) == 2:
             (x0, y0), (x1, y1) = (_xy(end, where, "points", math.inf, "") for end in marker.points)
-            vx, vy = x1 - x0, y1 - y0
+            q = marker.pose.orientation  # points are in the frame of the marker's pose; many leave all of it 0
+            vx, vy = turn(2.0 * math.atan2(q.z, q.w), (x1 - x0, y1 - y0))
             checks.number("points", math.hypot(vx, vy), high=MAX_SPEED, unit="m apart, which says m/s", where=where)
             arrows[name] = (vx, vy)
         elif marker.type not in (ARROW, LINE_STRIP, LINE_LIST, TEXT):
@@ -370,7 +372,8 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
     arrow = [arrows.get(name, others.get(name[1], (math.nan, math.nan))) for name in discs]
     velocity = np.array(arrow, np.float64).reshape(-1, 2)
     t = min(stamps) if stamps else max(seconds(marker.header.stamp) for marker in message.markers)
-    return t, Tracks(np.array(ids, np.int64), rows[:, :2].copy(), velocity, rows[:, 2].copy()).distinct()
+    xy = rows[:, :2] - (np.array(stamps) - t)[:, None] * np.nan_to_num(velocity)
+    return t, Tracks(np.array(ids, np.int64), xy, velocity, rows[:, 2].copy()).distinct()
 
 
 def placed_headers(message: Any) -> list[Any]:

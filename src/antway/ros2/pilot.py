@@ -65,7 +65,7 @@ class Pilot:
         self.due = self.started = -math.inf  # s; when odometry is to be answered next, and when the policy started
         self.acts_until = -math.inf  # s; until when a command of the stop acts that was sent without odometry
         self.now = self.answered = -math.inf  # s of a steady clock; when odometry last arrived, and was last answered
-        self.gaps: deque[float] = deque(maxlen=11)  # s; between the stamps of the latest odometry
+        self.gaps: deque[tuple[float, float]] = deque(maxlen=11)  # s; between the latest odometry, by stamps and a steady clock
         self.missed = 0  # number of control periods in which the robot brakes because odometry is late
         self.silence = 0.0  # s; for how long there has been no odometry, as `silent` was last told
         self._restart()
@@ -165,7 +165,7 @@ class Pilot:
 
     def period(self) -> float:
         """Return how far apart the stamps of odometry have been lately, s; 0 if that is not known."""
-        return float(np.median(self.gaps)) if len(self.gaps) > 2 else 0.0
+        return float(np.median([gap for gap, _ in self.gaps])) if len(self.gaps) > 2 else 0.0
 
     def _fault(self, what: str) -> str:
         """Return why odometry or obstacles were refused within the last `timeout`; empty if they were not."""
@@ -175,25 +175,25 @@ class Pilot:
     def receive_odometry(self, odometry: Odometry, now: float) -> PilotAnswer | None:
         """Receive odometry that arrived at `now` s of a steady clock; answer once in each control period.
 
-        A jump of odometry's clock is answered at once: it went back, or forward by `timeout` more than the steady one. What is
-        older by no more than a control period was overtaken by a newer message, and is dropped. A stamp that stands still is
-        answered no more.
+        A jump of odometry's clock is answered at once: it went back, or forward by `timeout` more than the steady one, or than
+        lately where a simulation is faster. What is older by no more than a control period was overtaken by a newer message,
+        and is dropped. A stamp that stands still is answered no more.
         """
         before, dt = self.odometry, self.settings.robot.dt
         if self.is_late(odometry.t):
             return None
         self.odometry, passed, self.now = odometry, now - self.now, now
         gap = 0.0 if before is None else odometry.t - before.t
-        if not 0.0 <= gap <= self.settings.timeout + passed:
+        stamps, steady = np.sum(self.gaps or [(0.0, 1.0)], axis=0).tolist()
+        if not 0.0 <= gap <= self.settings.timeout + passed * max(stamps / max(steady, 1e-9), 1.0):
             self.scan = self.policy = self.turner = None  # earlier observations and plans are invalid now
             self.brake()
             self.due = -math.inf if self.guard is None else odometry.t + dt
             self.missed, self.answered = 0, now
             self._restart()
-            self.gaps.clear()
             return self._hold(WARN, f"odometry's clock jumped by {gap:.3f} s")
         if gap > 0.0:
-            self.gaps.append(gap)
+            self.gaps.append((gap, passed))
         every = gap > 0.0 and self.period() > 0.9 * dt and not self._stopping  # if it jitters by more than a quarter, too
         if odometry.t < self.due - dt / 4 and not every:
             return None
