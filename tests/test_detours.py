@@ -244,9 +244,9 @@ def test_a_footprint_passes_lengthwise_who_comes_along_a_corridor() -> None:
         assert result.reached and result.time < 11.0 and result.length < 12.9
 
 
-@pytest.mark.parametrize(("robot", "most"), [("diff", 18.0), ("inertia", 18.5), ("jackal", 11.0)])
+@pytest.mark.parametrize(("robot", "most"), [("diff", 18.0), ("inertia", 18.5), ("jackal", 12.0)])
 def test_a_robot_on_wheels_hesitates_little_inside_a_u_of_people_who_stand(robot: str, most: float) -> None:
-    """Its plan led out at once, but its times counted with nobody who stood for less than 3 s: 19.1, 20.6 and 12.2 s."""
+    """Its plan led out at once, but its times counted with nobody who stood for less than 3 s: 19.1, 20.6 and 13.2 s."""
     free = np.zeros((120, 160), np.bool_)
     wall = [(8.0, y) for y in np.arange(5.0, 7.1, 0.5).tolist()]
     arms = [(x, y) for x in np.arange(5.5, 8.0, 0.5).tolist() for y in (4.7, 7.3)]
