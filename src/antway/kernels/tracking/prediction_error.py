@@ -100,8 +100,6 @@ def compare_predictions(
     drop_lost(table, t)
     scan, row_at = np.zeros(len(pool)), np.full(len(estimates), -1)  # the row of each estimate, or -1 if it has none
     for k in range(len(estimates)):
-        if estimates[k, ID] < 0.0:
-            continue
         i, is_new = known_row(table, estimates[k, ID], seen[k])
         row_at[k] = i
         if i < 0 or not seen[k]:
