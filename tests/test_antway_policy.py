@@ -724,18 +724,19 @@ def test_a_robot_that_is_cut_off_looks_for_a_path_once_at_each_place(monkeypatch
     assert asked == [(5.0, 3.2), (6.0, 3.2)] and policy.explain().action == "stuck"
 
 
-@pytest.mark.parametrize("learns", [True, False])
-def test_how_near_to_its_goal_a_robot_was_before_it_was_carried_back_does_not_count(learns: bool) -> None:
-    """Risks used to count less and less while it drove up to there again."""
-    policy, grid = AntwayPolicy(learns_response=learns), Grid(np.zeros((40, 300), np.bool_), 0.1)
+@pytest.mark.parametrize("pushed", [True, False])
+def test_how_near_to_its_goal_a_robot_was_before_it_was_brought_back_does_not_count(pushed: bool) -> None:
+    """It was carried, or pushed slowly; risks used to count less and less while it drove up to there again."""
+    policy, grid = AntwayPolicy(), Grid(np.zeros((40, 300), np.bool_), 0.1)
     policy.reset(Task(grid, load_robot("diff"), (27.0, 2.0), (29.0, 2.0)), seed=0)
     assert policy.state is not None and policy.state.controls is not None
     nearest = []
-    for k, x in enumerate((27.0, 27.3, 1.5, 1.6)):
+    places = (27.0, 27.3, *np.linspace(27.3, 1.5, 100 if pushed else 1).tolist(), 1.5, 1.6)
+    for k, x in enumerate(places):
         policy.act(Observation(0.1 * k, (x, 2.0), (0.0, 0.0), 0.0, Tracks.none()))
         nearest.append(policy.state.controls.nearest)
-    assert nearest[1] < nearest[0] < 3.0 and 25.0 < nearest[3] <= nearest[2] < 30.0
-    assert policy.state.controls.since == pytest.approx(0.3, abs=0.11)
+    assert nearest[1] < nearest[0] < 3.0 and 22.0 < nearest[-1] <= nearest[-2] < 30.0
+    assert policy.state.controls.since == pytest.approx(0.1 * len(places), abs=1.3)
 
 
 def test_fewer_ants_are_for_one_cycle_alone() -> None:

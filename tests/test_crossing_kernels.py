@@ -322,6 +322,18 @@ def test_trails_keep_within_their_limits() -> None:
     assert trails.tau[slot(trails, key)] == pytest.approx(before + 2.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("clock", [-1e6, -0.7, 2.0**15, 1.7e9, 1e12])
+def test_pheromone_is_kept_by_every_clock(clock: float) -> None:
+    """Before the time 0 no edge used to keep any."""
+    trails = make_trails(100)
+    keys = [edge(trails, 5, 3, clock + 0.5 * i) for i in range(4)]
+    for key in keys:
+        lay(trails, key, 2.0)
+    evaporate(trails, clock + 1.1, 1.0)
+    assert sorted(trails.key[trails.key >= 0].tolist()) == sorted(keys[2:])
+    assert trails.mark[5] and len(set(keys)) == 4
+
+
 def test_pheromone_is_laid_on_each_edge_at_the_time_at_which_it_is_left() -> None:
     """An edge is a cell, the move that leaves it, and the bin of the time at which it is left."""
     rng, several = np.random.default_rng(13), 0
@@ -444,7 +456,7 @@ def test_a_cycle_plans_keeps_and_gives_up() -> None:
         def cycle(now: float, xy: tuple[float, float], estimates: np.ndarray, s=s, policy=policy):
             s.crowd.averaged[: len(estimates)] = estimates
             return crossing.cycle(
-                policy.memory(), s.trails, s.context, s.terrain, s.settings, s.plan, s.crowd, estimates, now, 0.0, xy, s.rng
+                policy.memory(), s.trails, s.context, s.terrain, s.settings, s.plan, s.crowd, estimates, now, now, xy, s.rng
             )  # fmt: skip
 
         vx, vy, what = cycle(0.0, xy, estimates)

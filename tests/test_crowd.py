@@ -180,12 +180,3 @@ def test_courses_have_less_room_later_on_however_old_the_estimates_are(age: floa
         pieces.append(out[:n])
     assert pieces[1] == pytest.approx(pieces[0], abs=1e-9)
     assert set(pieces[0][:, 7].round(3)) == {0.86, 0.76}
-
-
-def test_the_nameless_have_no_past() -> None:
-    """Without names nobody is told from another, and none is predicted but straight on."""
-    table, trajectory = make_table(4, crowd.COLUMNS, ID), np.empty((4, crowd.STEPS, 2))
-    for i in range(10):
-        estimates = np.array([[i * 0.1, 0.0, 1.0, 0.0, 0.3, 0.0, 0.0, -1.0], [3.0, 0.1, -1.0, 0.0, 0.3, 0.0, 0.0, -1.0]])
-        crowd.foresee(table, estimates, all_seen(estimates), i * 0.1, 1.0, trajectory)
-        assert table.used[0] == 2 and np.isnan(trajectory[:2, 0, 0]).all() and (table.rows[:2, 8:13] >= 0.0).all()

@@ -175,6 +175,20 @@ def test_times_are_the_least_of_waits_and_detours() -> None:
     assert found.times[0][right] == pytest.approx(context.field[right], abs=0.1)  # around the disc in the doorway
 
 
+def test_what_is_computed_anew_counts_at_once_with_who_was_counted_with() -> None:
+    """A robot that was found to be slower than declared used to forget for 3 s who stands in the doorway."""
+    context, estimates = make_context(two_doors(), load_robot("holonomic"), (20, 65)), np.zeros((1, 8))
+    estimates[0, (X, Y)], estimates[0, RADIUS], found = DOOR, 0.6, Detours(Moves.THIRTY_TWO, (context,))
+    for t in np.arange(0.0, 5.1, 0.25).tolist():
+        if counted := found.update(estimates, np.full(1, t), t, (3.0, 4.0)):
+            found.adopt(counted())
+    anew = Detours(Moves.THIRTY_TWO, (context._replace(field=2.0 * context.field, speed=0.5 * context.speed),))
+    anew.go_on(found)
+    counted = anew.update(estimates, np.full(1, 5.2), 5.2, (3.0, 4.0))
+    assert found.expects and counted is not None and anew.expects
+    assert anew.update(estimates, np.full(1, 5.5), 5.5, (3.0, 4.0)) is None
+
+
 @pytest.mark.parametrize("clock", [0.0, -1e6, 1.7e9])
 def test_a_robot_that_is_cut_off_looks_for_detours_after_as_long_by_every_clock(clock: float) -> None:
     """By a clock that began below 0 it used not to look for any."""
@@ -230,9 +244,9 @@ def test_a_footprint_passes_lengthwise_who_comes_along_a_corridor() -> None:
         assert result.reached and result.time < 11.0 and result.length < 12.9
 
 
-@pytest.mark.parametrize(("robot", "most"), [("diff", 18.0), ("inertia", 18.5), ("jackal", 11.0)])
+@pytest.mark.parametrize(("robot", "most"), [("diff", 18.0), ("inertia", 18.5), ("jackal", 12.0)])
 def test_a_robot_on_wheels_hesitates_little_inside_a_u_of_people_who_stand(robot: str, most: float) -> None:
-    """Its plan led out at once, but its times counted with nobody who stood for less than 3 s: 19.1, 20.6 and 12.2 s."""
+    """Its plan led out at once, but its times counted with nobody who stood for less than 3 s: 19.1, 20.6 and 13.2 s."""
     free = np.zeros((120, 160), np.bool_)
     wall = [(8.0, y) for y in np.arange(5.0, 7.1, 0.5).tolist()]
     arms = [(x, y) for x in np.arange(5.5, 8.0, 0.5).tolist() for y in (4.7, 7.3)]

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from antway import Grid
+from antway import Grid, Observation, Task
 from antway.kernels.tracking import averages, changes, crowd, curves
 from antway.kernels.tracking import prediction_error as error
 from antway.kernels.tracking.predict import ID, RADIUS, VX, VY, X, Y
 from antway.kernels.tracking.table import SEEN, Table, make_table, rows_in_use
+from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.tracker import Tracker
 from antway.world.policy import Tracks
+from antway.world.robots import load_robot
 from antway.world.terrain import terrain_of
 from common import all_seen, cases
 
@@ -97,3 +100,13 @@ def test_hidden_people_do_not_speak_against_avoidance() -> None:
         assert not learnt[hidden].any()
         assert i < 6 or learnt[~hidden].any()
         xy = xy + velocity * 0.1
+
+
+def test_a_scan_that_is_known_for_several_cycles_is_learnt_from_once() -> None:
+    """Where commands act late, rounding used to make the same scan a later one, and people seem to walk as nobody expects."""
+    policy, robot = AntwayPolicy(), replace(load_robot("diff"), latency=0.3)
+    policy.reset(Task(Grid(np.zeros((100, 100), np.bool_), 0.2), robot, (5.0, 5.0), (15.0, 5.0)), 0)
+    tracks, pending = Tracks([7], [[9.0, 8.0]], [[0.5, 0.0]], [0.3]), np.zeros((3, 2))
+    for k in range(20):
+        policy.act(Observation(0.37 + 0.1 * k, (5.0, 5.0), (0.0, 0.0), 0.0, tracks, 0.37, pending=pending))
+        assert policy.state is not None and policy.state.crowd.people.rows[0, crowd._SEEN] == 0.37

@@ -13,6 +13,7 @@ from antway.kernels.tracking.prediction_error import COLUMNS, LATER, POOL, compa
 from antway.kernels.tracking.table import make_table
 from antway.world.terrain import terrain_of
 from common import all_seen, cases
+from naive.people import pooled
 
 BOX = np.zeros((40, 40), np.bool_)
 TERRAIN = terrain_of(Grid(BOX, 0.2))  # 8 x 8 m
@@ -26,10 +27,10 @@ class Slow:
         self.made: dict[float, tuple[float, np.ndarray]] = {}
         self.last: dict[float, float] = {}
         self.errors: dict[float, list[float]] = {}
-        self.pool, self.compared, self.missed = POOL[0], 0, 0
+        self.pool, self.compared, self.missed = POOL[0], 1, 0
 
     def __call__(self, estimates: np.ndarray, t: float, segments: np.ndarray, owner: np.ndarray) -> list[float]:
-        out = []
+        found = []
         for k, row in enumerate(estimates):
             name = row[7]
             if name in self.last and t - self.last[name] > 1.0:
@@ -42,12 +43,14 @@ class Slow:
                     over = t - since - LATER
                     off = float(np.hypot(*(row[:2] - over * row[2:4] - place))) / LATER
                     self.errors.setdefault(name, []).append(off)
-                    self.compared += 1
                     self.missed += off > 0.25
-                    self.pool += max(0.05, 1.0 / (1 + self.compared)) * (off - self.pool)
+                    found.append(off)
                 due = t + LATER
                 piece = next(s for s, k2 in zip(segments, owner) if k2 == k and s[0] <= due < s[1])
                 self.made[name] = t, piece[2:4] + piece[4:6] * (due - piece[0])
+        self.compared, self.pool = pooled(self.compared, self.pool, found)
+        out = []
+        for name in estimates[:, 7]:
             own = self.errors.get(name, [])
             weights = 0.8 ** np.arange(len(own))[::-1]
             mean = (float(weights @ own) + 2.0 * self.pool) / (float(weights.sum()) + 2.0)
@@ -56,7 +59,7 @@ class Slow:
 
     def distrust(self) -> float:
         """The share of misses, with a half miss in ten comparisons before the first, over one in twenty."""
-        return min((0.5 + self.missed) / (10 + self.compared) / 0.05, 1.0)
+        return min((0.5 + self.missed) / (9 + self.compared) / 0.05, 1.0)
 
 
 def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float = 0.1) -> tuple[np.ndarray, float]:

@@ -506,6 +506,7 @@ def test_what_is_computed_anew_keeps_the_distance_for_an_uncertain_place() -> No
     assert policy.state is not before
     after = policy.state.controls
     assert after.margins == before.controls.margins and after.margins.margin > 0.08
+    assert policy.state.dance is before.dance, "a robot that stands to let somebody else drive on first does so still"
     assert after.problem.weights.wall_margin == before.controls.problem.weights.wall_margin
 
 

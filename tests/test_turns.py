@@ -148,6 +148,28 @@ def test_obstacles_go_straight_until_their_velocity_changes() -> None:
     assert outlook.disc[:25, 0, COLUMN["straight"]].tolist() == pytest.approx(left)
 
 
+def test_of_too_many_obstacles_the_nearest_count() -> None:
+    """Of 90 obstacles in reach, those that came last in the list used to be left out, however near they were."""
+    rng, at, margins = (
+        np.random.default_rng(8),
+        RobotState(1.0, 2.0, 0.0, 0.0, 0.0),
+        Margins(0.01, 0.05, 2.0, 1.2, 0.4, 0.1, 2.0),
+    )
+    distance, bearing, contact = (
+        rng.permutation(np.linspace(0.6, 2.5, 90)),
+        rng.uniform(-3.0, 3.0, 90),
+        rng.uniform(0.4, 0.6, 90),
+    )
+    segments = np.zeros((90, 8))
+    segments[:, 1], segments[:, 6], segments[:, 7] = 9.0, contact, contact
+    segments[:, 2], segments[:, 3] = at.x + distance * np.cos(bearing), at.y + distance * np.sin(bearing)
+    outlook = empty_outlook(10)
+    look_ahead(segments, np.zeros((90, 2)), 0.0, 0.1, at, SpeedBounds(1.0, 1.0, 1.0, 1.0), margins, 0.0, outlook)
+    nearest = np.argsort(distance - contact)[:64]
+    for k in range(11):
+        assert sorted(outlook.disc[k, :, COLUMN["x"]].tolist()) == sorted(segments[nearest, 2].tolist())
+
+
 @pytest.mark.parametrize("now", [0.0, 7.3, 1.7e9])
 def test_an_obstacle_counts_once_wherever_rounding_puts_the_end_of_a_step(now: float) -> None:
     """A step may end just before or after a segment of the obstacle does."""

@@ -55,6 +55,15 @@ def chance_of_contact(places, aside, estimates, age, radius, ahead, hold, parts=
     return total
 
 
+def pooled(comparisons, pool, found):
+    """Take the errors of a scan into their mean over all tracks: each weighs 1 / n at first, and 0.05 later."""
+    n = len(found)
+    if n:
+        comparisons += n
+        pool = pool + max(1 - 0.95**n, n / comparisons) * (np.mean(found, axis=0) - pool)
+    return comparisons, pool
+
+
 def averaged(scans, times=(0.4, 1.2), later=0.8, together=2.5, alike=0.7, sudden=0.7, stops=0.5, stands=0.3):
     """Velocities, and how wrong they may be, of the last scan: whole histories, sums written out.
 
@@ -94,18 +103,19 @@ def averaged(scans, times=(0.4, 1.2), later=0.8, together=2.5, alike=0.7, sudden
                 if math.dist((x, y), (u, v)) <= together and math.dist(averages[other], averages[name]) <= alike
             ]
             means[name].append(0.5 * (averages[name] + np.mean(companions, axis=0)))
+        found = []
         for name, (x, y, _, _) in tracks.items():
             own, seen = errors.setdefault(name, np.zeros(len(pool))), compared.setdefault(name, 0.0)
             if name not in pending or t - pending[name][0] >= later - 1e-6:
                 if name in pending and t - pending[name][0] < 2 * later:
                     since, place, velocities = t - pending[name][0], pending[name][1], pending[name][2]
                     off = np.array([math.dist(place + v * since, (x, y)) / since for v in velocities])
-                    comparisons += 1
-                    pool = pool + max(0.05, 1.0 / comparisons) * (off - pool)
-                    errors[name] = own = 0.8 * own + off
-                    compared[name] = seen = 0.8 * seen + 1.0
+                    found.append(off)
+                    errors[name], compared[name] = 0.8 * own + off, 0.8 * seen + 1.0
                 pending[name] = t, np.array([x, y]), means[name]
-            scores = own + 2.0 * pool
+        comparisons, pool = pooled(comparisons, pool, found)
+        for name in tracks:
+            seen, scores = compared[name], errors[name] + 2.0 * pool
             best = 0 if 0.9 * scores[0] <= min(scores[1:]) else 1 + int(np.argmin(scores[1:]))
             sigma = math.sqrt(2.0 / math.pi) * scores[best] / (seen + 2.0)
             out[name] = *means[name][best].tolist(), sigma
@@ -244,6 +254,7 @@ def turn_rates(scans, memory=0.3, later=0.4, least=0.05, lost=1.0, jump=4.0):
     past, errors, pending = {}, {}, {}  # pending: (t, place, velocity, rate) of the forecast
     pool, comparisons, out = np.zeros(2), 0, {}
     for t, tracks in scans:
+        found, rates = [], {}
         for name, (x, y, vx, vy) in tracks.items():
             if name in past and t - past[name][-1][0] > lost:
                 del past[name], errors[name]
@@ -260,7 +271,7 @@ def turn_rates(scans, memory=0.3, later=0.4, least=0.05, lost=1.0, jump=4.0):
             for (a, u), (b, v) in pairwise(history):
                 weights.append((1 - math.exp(-(b - a) / memory)) * math.exp(-(t - b) / memory))
                 turned.append(np.angle(v / u) / (b - a) if min(abs(u), abs(v)) > least else 0.0)
-            rate = float(np.average(turned, weights=weights)) if weights else 0.0
+            rates[name] = rate = float(np.average(turned, weights=weights)) if weights else 0.0
             own = errors.setdefault(name, [])
             since = t - pending[name][0] if name in pending else math.inf
             if not first and since >= later - 1e-6:
@@ -269,11 +280,12 @@ def turn_rates(scans, memory=0.3, later=0.4, least=0.05, lost=1.0, jump=4.0):
                     moments = (np.arange(2000) + 0.5) * since / 2000
                     ends = place + velocity * since, place + (velocity * np.exp(1j * old * moments)).mean() * since
                     off = np.abs(np.array(ends) - complex(x, y)) / since
-                    comparisons += 1
-                    pool = pool + max(0.05, 1.0 / comparisons) * (off - pool)
+                    found.append(off)
                     own.append(off)
                 pending[name] = t, complex(x, y), complex(vx, vy), rate
-            straight, circle = sum((0.8**i * off for i, off in enumerate(reversed(own))), 2.0 * pool)
+        comparisons, pool = pooled(comparisons, pool, found)
+        for name, rate in rates.items():
+            straight, circle = sum((0.8**i * off for i, off in enumerate(reversed(errors[name]))), 2.0 * pool)
             out[name] = rate if circle < 0.5 * straight else 0.0
     return out
 

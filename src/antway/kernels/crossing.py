@@ -300,15 +300,15 @@ def cycle(
     crowd: Crowd,
     estimates: Floats,
     now: float,
-    age: float,
+    scanned: float,
     xy: tuple[float, float],
     state: State,
 ) -> tuple[float, float, int]:
     """Return the velocity (vx, vy) that the robot is to take, m/s, and what the cycle did with the plan.
 
-    The `estimates` are those of kernels/tracking/kalman.py, `age` s old.
+    The `estimates` are those of kernels/tracking/kalman.py at the time `scanned`, s, of the last scan.
     """
-    s, n, scanned, most_delay = settings, len(estimates), now - age, 0.0
+    s, n, age, most_delay = settings, len(estimates), now - scanned, 0.0
     seen = crowd.seen[:n]
     averaged, velocity_error = crowd.averaged[:n], crowd.velocity_error[:n]
     # Compare earlier predictions with what happened.

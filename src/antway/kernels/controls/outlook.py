@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from antway.kernels.base import records
 from antway.kernels.base.arrays import Floats
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import RobotState
 from antway.kernels.controls.problem import NearObstacle, Outlook, near_at, set_near
 
@@ -47,6 +47,24 @@ def write_beyond(v_max: float, outlook: Outlook) -> None:
                 distance += (v_max + math.hypot(disc.vx, disc.vy)) * AFTERWARDS
             outlook.beyond[k, 0, i], outlook.beyond[k, 1, i] = disc.x, disc.y
             outlook.beyond[k, 2, i] = distance * distance
+
+
+@inner_kernel
+def _place_for(outlook: Outlook, k: int, start: RobotState, gap: float) -> int:
+    """Return the place in step k of an obstacle so far from contact with the robot at the start, m, or -1.
+
+    Where all are taken, it is that of the farthest obstacle, if that is farther.
+    """
+    n, place = outlook.near[k], -1
+    if n < outlook.disc.shape[1]:
+        outlook.near[k] += 1
+        return int(n)
+    for i in range(n):
+        disc = near_at(outlook, k, i)
+        other = math.hypot(disc.x - start.x, disc.y - start.y) - disc.contact
+        if other > gap:
+            place, gap = i, other
+    return place
 
 
 @kernel
@@ -97,12 +115,13 @@ def look_ahead(
             span = v_max * min(k + 1, steps) * dt + ((v_max + pace) * AFTERWARDS if k == steps else 0.0)
             far = contact + max(margins.preferred_gap, uncertain, turned, while_stopping) + span + 0.01
             dx, dy = x - start.x, y - start.y
-            if dx * dx + dy * dy < far * far and outlook.near[k] < size:
+            if dx * dx + dy * dy < far * far:
                 preferred, risky, turning = contact + margins.preferred_gap, contact + uncertain, contact + turned
                 straight, owner = t1 - t if turns else math.inf, float(obstacle % size)
                 disc = NearObstacle(x, y, contact, preferred, speed, vx, vy, straight, risky, owner, turning, turn_time)
-                set_near(outlook, k, outlook.near[k], disc)
-                outlook.near[k] += 1
+                place = _place_for(outlook, k, start, math.hypot(dx, dy) - contact)
+                if place >= 0:
+                    set_near(outlook, k, place, disc)
     write_beyond(v_max, outlook)
 
 

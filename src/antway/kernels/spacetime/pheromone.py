@@ -12,6 +12,7 @@ from antway.kernels.base.arrays import Bools, Ints
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 
 TRAILS = 1 << 12  # number of slots of the table, a power of two
+_BINS = (1 << 16) - 1  # bins of arrival are counted up to this and then from 0 on, so that no clock makes a key negative
 _LEAST_PERSISTENCE, _GREATEST_PERSISTENCE = 0.1, 0.9  # 1; limits of rho in `evaporate`
 _HARDLY_MORE = 1.05  # 1; an edge with less pheromone than this is as good as one without
 
@@ -28,7 +29,7 @@ class Trails(NamedTuple):
 @bare_kernel
 def edge(trails: Trails, cell: int, move: int, t: float) -> int:
     """Return the key of the edge that leaves `cell`, reached at time t, by `move`."""
-    return (int(t / trails.bin) * len(trails.mark) + cell) * 64 + move
+    return ((math.floor(t / trails.bin) & _BINS) * len(trails.mark) + cell) * 64 + move
 
 
 @inner_kernel
@@ -61,12 +62,12 @@ def evaporate(trails: Trails, now: float, cycle: float) -> None:
     1, the floor of every edge. Edges whose bin of arrival is over at the time `now`, s, and those that are left with hardly
     more than the floor are dropped. The bins are absolute, so the pheromone need not be shifted in time.
     """
-    bins = len(trails.mark) * 64
+    bins, first = len(trails.mark) * 64, math.ceil(now / trails.bin) - 1  # the first bin that is not over
     keys, taus = trails.key.copy(), trails.tau.copy()
     trails.key[:] = -1
     trails.mark[:] = False
     for j in range(TRAILS):
-        if keys[j] >= 0 and (keys[j] // bins + 1) * trails.bin >= now:
+        if keys[j] >= 0 and (keys[j] // bins - first) & _BINS <= _BINS // 2:
             tau = 1.0 + taus[j]
             rho = min(max(math.exp(-1.0 / tau) + math.exp(-cycle), _LEAST_PERSISTENCE), _GREATEST_PERSISTENCE)
             if rho * tau > _HARDLY_MORE:

@@ -18,7 +18,14 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.changes import N_X, N_Y, row_to_compare
 from antway.kernels.tracking.predict import SIGMA_V, VX, VY, X, Y
-from antway.kernels.tracking.prediction_error import LATER, add_error, count_comparison, summed_error, velocity_error
+from antway.kernels.tracking.prediction_error import (
+    LATER,
+    add_error,
+    add_to_pool,
+    count_comparison,
+    summed_error,
+    velocity_error,
+)
 from antway.kernels.tracking.table import SEEN, Table, drop_lost
 
 TIMES = (0.4, 1.2)  # s; velocities are averaged over these times, weights fall with age; 0.4 to 1.2 s fit eth and citr best
@@ -48,7 +55,7 @@ def averaged(
     """Copy `estimates`, float64[K, 8] (kernels/tracking/predict.py), to `out` with the velocities that predict best at `t` s.
 
     `seen`, bool[K], tells which of them the scan shows; the others keep their averages. `table` has the tracks known so far,
-    [M, COLUMNS]; `pool`, float64[POOL], is that of `count_comparison`, zeros at first; and `changes`, float64[K, 4], are those
+    [M, COLUMNS]; `pool`, float64[POOL], is that of `add_to_pool`, zeros at first; and `changes`, float64[K, 4], are those
     of `velocity_changes`. If `restart`, averages begin anew where somebody stops, sets out or turns. A robot with inertia
     needs to know that at once, though places a second and more ahead are predicted a little worse by it.
     """
@@ -73,14 +80,18 @@ def averaged(
             noise = _NOISE * math.hypot(estimates[k, SIGMA_V], velocity_error(rows[i], pool, 0))
             _restart_averages(rows[i], estimates[k, VX], estimates[k, VY], dt, noise)
     _average_companions(rows, row_at, estimates)
+    scan = np.zeros(POOL)
+    for k in range(len(estimates)):
+        if row_at[k] >= 0 and seen[k]:
+            row = rows[row_at[k]]
+            if t > row[SEEN] or row[_SINCE] == -math.inf:
+                _compare(row, scan, estimates[k], t)
+            row[SEEN] = t
+    add_to_pool(pool, scan)
     for k in range(len(estimates)):
         if row_at[k] < 0:
             continue
         row = rows[row_at[k]]
-        if seen[k]:
-            if t > row[SEEN] or row[_SINCE] == -math.inf:
-                _compare(row, pool, estimates[k], t)
-            row[SEEN] = t
         best, least = 0, _BETTER * summed_error(row, pool, 0)
         for m in range(1, MODELS):
             if summed_error(row, pool, m) < least:
@@ -140,16 +151,16 @@ def _average_companions(rows: Floats, row_at: Ints, estimates: Floats) -> None:
 
 
 @bare_kernel
-def _compare(row: Floats, pool: Floats, estimate: Floats, t: float) -> None:
+def _compare(row: Floats, scan: Floats, estimate: Floats, t: float) -> None:
     """Compare where each model predicted a track with where it is, if that is due, and predict anew."""
     since = t - row[_SINCE]
     if since < LATER - 1e-6:
         return
     if since < 2.0 * LATER:
-        count_comparison(row, pool)
+        count_comparison(row, scan)
         for m in range(MODELS):
             x, y = row[_FROM] + row[_VELOCITIES + 2 * m] * since, row[_FROM + 1] + row[_VELOCITIES + 2 * m + 1] * since
-            add_error(row, pool, m, math.hypot(estimate[X] - x, estimate[Y] - y) / since)
+            add_error(row, scan, m, math.hypot(estimate[X] - x, estimate[Y] - y) / since)
     row[_SINCE], row[_FROM], row[_FROM + 1] = t, estimate[X], estimate[Y]
     for m in range(MODELS):
         row[_VELOCITIES + 2 * m], row[_VELOCITIES + 2 * m + 1] = _velocity(row, m, estimate[VX], estimate[VY])

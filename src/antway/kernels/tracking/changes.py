@@ -30,8 +30,8 @@ _CHANGED = 0.1  # m/s; a smaller change of velocity is not looked at as a bounce
 
 @bare_kernel
 def row_to_compare(table: Table, estimate: Floats, seen: bool) -> tuple[int, bool]:
-    """Do as `known_row`, but a track without an id, or whose velocity is not known, has the row -1, too."""
-    if estimate[ID] < 0.0 or estimate[SIGMA_V] >= UNKNOWN:
+    """Do as `known_row`, but a track whose velocity is not known has the row -1, too."""
+    if estimate[SIGMA_V] >= UNKNOWN:
         return -1, True
     return known_row(table, estimate[ID], seen)
 

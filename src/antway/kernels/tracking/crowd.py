@@ -148,10 +148,10 @@ def foresee(table: Table, estimates: Floats, seen: Bools, t: float, preferred_sp
     """Update the rows with one scan, and predict.
 
     `table` has the people known so far, [M, COLUMNS] with ids in ID: one row for each of the `estimates`, float64[K, 8]
-    (kernels/tracking/predict.py), in the same order, and none for a crowd of more than _MOST. A track with a negative id has no
-    past, and from one that is not `seen`, bool[K], in this scan nothing is learnt. People walk at `preferred_speed` m/s if
-    nothing is near. `prediction`, float64[N, STEPS, 2], is filled with each person's velocity in steps of STEP_TIME s from `t`
-    on, m/s. NaN in the first step means that the track is not predicted here.
+    (kernels/tracking/predict.py), in the same order, and none for a crowd of more than _MOST. From a track that is not `seen`,
+    bool[K], in this scan nothing is learnt. People walk at `preferred_speed` m/s if nothing is near. `prediction`,
+    float64[N, STEPS, 2], is filled with each person's velocity in steps of STEP_TIME s from `t` on, m/s. NaN in the first step
+    means that the track is not predicted here.
     """
     rows, n = table.rows, len(estimates)
     prediction[:n, 0, 0] = math.nan
@@ -202,7 +202,7 @@ def _update(
         _lines(known, max(dt, 0.01), lines, line_count)
     for k in range(len(estimates)):
         row = out[k]
-        before = row_of(table, estimates[k, ID]) if estimates[k, ID] >= 0.0 else -1
+        before = row_of(table, estimates[k, ID])
         if before >= 0:
             copy_row(known[before], row)
             if dt > 0.0 and seen[k]:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from antway.kernels.base.arrays import Bools, Floats
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tracking.changes import BEFORE_VX, BEFORE_VY, N_X, N_Y, row_to_compare
 from antway.kernels.tracking.crowd import STEPS, straighten
 from antway.kernels.tracking.predict import STEP_TIME, VX, VY, X, Y
-from antway.kernels.tracking.prediction_error import add_error, count_comparison, summed_error
+from antway.kernels.tracking.prediction_error import add_error, add_to_pool, count_comparison, summed_error
 from antway.kernels.tracking.table import SEEN, Table, drop_lost
 
 # Columns of a row after TRACK_ID and SEEN: the average turn rate and the weight of what went into it; when and where the models
@@ -42,7 +44,7 @@ class Turning(NamedTuple):
     """What is known of the turns of tracks."""
 
     table: Table  # [M, COLUMNS]
-    pool: Floats  # [POOL] errors of all tracks together, see `count_comparison`; zeros at first
+    pool: Floats  # [POOL] errors of all tracks together, see `add_to_pool`; zeros at first
     rate: Floats  # [M] rad/s; turn rate with which a track is predicted, 0 for a straight line
 
 
@@ -56,23 +58,24 @@ def turn_rates(turning: Turning, estimates: Floats, seen: Bools, straight: Float
     """
     table, pool, rate = turning
     drop_lost(table, t)
+    scan, row_at = np.zeros(POOL), np.full(len(estimates), -1)  # the row of each estimate that is seen, or -1
     for k in range(len(estimates)):
-        estimate = estimates[k]
-        rate[k] = 0.0
-        i, is_new = row_to_compare(table, estimate, seen[k])
-        if i < 0:
+        i, is_new = row_to_compare(table, estimates[k], seen[k])
+        if i < 0 or not seen[k]:
             continue
-        row = table.rows[i]
+        row_at[k], row = i, table.rows[i]
         if is_new:
             row[_SINCE] = -math.inf
-        elif seen[k] and t > row[SEEN]:
-            _average(row, estimate, changes[k], t - row[SEEN])
-            _compare(row, pool, estimate, straight[k], t)
-        if seen[k]:
-            row[SEEN] = t
-        if seen[k] and summed_error(row, pool, _TURNING) < _BETTER * summed_error(row, pool, _STRAIGHT):
+        elif t > row[SEEN]:
+            _average(row, estimates[k], changes[k], t - row[SEEN])
+            _compare(row, scan, estimates[k], straight[k], t)
+        row[SEEN] = t
+    add_to_pool(pool, scan)
+    for k in range(len(estimates)):
+        rate[k], row = 0.0, table.rows[row_at[k]]
+        if row_at[k] >= 0 and summed_error(row, pool, _TURNING) < _BETTER * summed_error(row, pool, _STRAIGHT):
             rate[k] = row[_RATE]
-            straight[k, VX], straight[k, VY] = estimate[VX], estimate[VY]
+            straight[k, VX], straight[k, VY] = estimates[k, VX], estimates[k, VY]
 
 
 @bare_kernel
@@ -96,7 +99,7 @@ def _average(row: Floats, estimate: Floats, change: Floats, dt: float) -> None:
 
 
 @bare_kernel
-def _compare(row: Floats, pool: Floats, estimate: Floats, straight: Floats, t: float) -> None:
+def _compare(row: Floats, scan: Floats, estimate: Floats, straight: Floats, t: float) -> None:
     """Compare where both models predicted a track with where it is, if that is due, and predict anew."""
     since = t - row[_SINCE]
     if since < _LATER - 1e-6:
@@ -104,9 +107,9 @@ def _compare(row: Floats, pool: Floats, estimate: Floats, straight: Floats, t: f
     if since < 2.0 * _LATER:
         ux, uy = (estimate[X] - row[_FROM]) / since, (estimate[Y] - row[_FROM + 1]) / since  # what was its mean velocity
         vx, vy = mean_velocity(row[_CIRCLE], row[_CIRCLE + 1], row[_CIRCLE + 2], 0.0, since)
-        count_comparison(row, pool)
-        add_error(row, pool, _STRAIGHT, math.hypot(ux - row[_LINE], uy - row[_LINE + 1]))
-        add_error(row, pool, _TURNING, math.hypot(ux - vx, uy - vy))
+        count_comparison(row, scan)
+        add_error(row, scan, _STRAIGHT, math.hypot(ux - row[_LINE], uy - row[_LINE + 1]))
+        add_error(row, scan, _TURNING, math.hypot(ux - vx, uy - vy))
     row[_SINCE], row[_FROM], row[_FROM + 1] = t, estimate[X], estimate[Y]
     row[_LINE], row[_LINE + 1] = straight[VX], straight[VY]
     row[_CIRCLE], row[_CIRCLE + 1], row[_CIRCLE + 2] = estimate[VX], estimate[VY], row[_RATE]

@@ -128,7 +128,10 @@ def forget_ghosts(
         if row[SCANS] == 1.0 and row[T] < t and not _has(track_id, row[ID]):
             dx, dy = _seen_from(row, t, x, y)
             if math.hypot(dx, dy) < sensor_range - _INSIDE and not _may_be_hidden(rows[: used[0]], i, terrain, t, x, y):
-                row[T] = -math.inf
+                row[SCANS] = 0.0
+    for i in range(used[0]):  # once all are found, as one may have hidden another
+        if rows[i, SCANS] == 0.0:
+            rows[i, T] = -math.inf
 
 
 @bare_kernel

@@ -45,7 +45,7 @@ def measured_noise(
     That of places is 0 while it is below (0.1 mm)^2, and that of velocities while that of places is below (1 cm)^2. The table
     with the last measurement of each track is given by `rows`, float64[M, COLUMNS], and `used`, int64[1]; Python hands on two
     arrays faster than the record. `state`, float64[STATE], is described at PLACE and the others above; zeros at first. The scan
-    is as in kernels/tracking/kalman.py; tracks without an id are ignored.
+    is as in kernels/tracking/kalman.py.
 
     The innovation is the difference of two measured places less the motion between them. With noise of variance R along each
     axis, its squared length has the mean 4 R and the median 4 R ln 2. Where velocities are not measured, but taken from the two
@@ -58,8 +58,6 @@ def measured_noise(
     wrong lead to wrong places, so their variance is at most that of the innovations' mean velocity, 4 R / dt^2 of places.
     """
     for k in range(len(track_id)):
-        if track_id[k] < 0:
-            continue
         vx, vy, dt = velocity[k, 0], velocity[k, 1], math.nan
         measured = not math.isnan(vx + vy)
         if not measured and state[PLACE] == 0.0:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from antway.kernels.base import records
 from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.jit import bare_kernel, kernel
@@ -33,21 +35,34 @@ _FIRST = 10.0  # the share assumed at first counts like this many comparisons
 
 
 @bare_kernel
-def count_comparison(row: Floats, pool: Floats) -> None:
+def count_comparison(row: Floats, scan: Floats) -> None:
     """Count one more comparison of the predictions of M models; `add_error` then adds the error of each model.
 
     The last M + 1 entries of a track's `row` are the weighted sum of the errors of each model, m/s, and the weighted number of
-    comparisons. Those of `pool`, float64[M + 1], are of all tracks: the mean errors, m/s, and the number of comparisons.
+    comparisons. Those of `scan`, float64[M + 1], are the sums over all comparisons of this scan; zeros at first.
     """
     row[-1] = _KEPT * row[-1] + 1.0
-    pool[-1] += 1.0
+    scan[-1] += 1.0
 
 
 @bare_kernel
-def add_error(row: Floats, pool: Floats, model: int, error: float) -> None:
-    """Add the error of a model, m/s, to those of the track and of all tracks."""
-    row[len(row) - len(pool) + model] = _KEPT * row[len(row) - len(pool) + model] + error
-    pool[model] += max(1.0 - _POOL_KEPT, 1.0 / pool[-1]) * (error - pool[model])
+def add_error(row: Floats, scan: Floats, model: int, error: float) -> None:
+    """Add the error of a model, m/s, to those of the track and of the scan."""
+    row[len(row) - len(scan) + model] = _KEPT * row[len(row) - len(scan) + model] + error
+    scan[model] += error
+
+
+@bare_kernel
+def add_to_pool(pool: Floats, scan: Floats) -> None:
+    """Add the errors of a scan to those of all tracks, once all of it is compared, so that the order of tracks does not matter.
+
+    `pool`, float64[M + 1], has the mean errors of all tracks, m/s, and the number of comparisons.
+    """
+    if scan[-1] > 0.0:
+        pool[-1] += scan[-1]
+        share = max(1.0 - _POOL_KEPT ** scan[-1], scan[-1] / pool[-1])
+        for model in range(len(pool) - 1):
+            pool[model] += share * (scan[model] / scan[-1] - pool[model])
 
 
 @bare_kernel
@@ -77,36 +92,34 @@ def compare_predictions(
 ) -> None:
     """Write the standard deviation of each track's predicted velocity along one axis, m/s, to `out`, float64[K].
 
-    `table` has the tracks known so far, [M, COLUMNS]. `pool`, float64[2], is as in `count_comparison`, with one model; at first
+    `table` has the tracks known so far, [M, COLUMNS]. `pool`, float64[2], is as in `add_to_pool`, with one model; at first
     it is POOL. `missed`, int64[1], is the number of predictions of all tracks that missed; at first it is 0. The estimates are
     those of kernels/tracking/predict.py at time `t` s; those that the scan does not show, as `seen`, bool[K], tells, are not
     compared: they are where they were predicted.
     """
     drop_lost(table, t)
+    scan, row_at = np.zeros(len(pool)), np.full(len(estimates), -1)  # the row of each estimate, or -1 if it has none
     for k in range(len(estimates)):
-        out[k] = _AXIS * pool[0]
-        if estimates[k, ID] < 0.0:
-            continue
         i, is_new = known_row(table, estimates[k, ID], seen[k])
-        if i < 0:
+        row_at[k] = i
+        if i < 0 or not seen[k]:
             continue
         row = table.rows[i]
         if is_new:
             row[_DUE] = -math.inf
-        out[k] = velocity_error(row, pool, 0)
-        if not seen[k]:
-            continue
         overdue = t - row[_DUE]
         if -1e-6 < overdue < 0.5 * LATER:
             x, y = estimates[k, X] - estimates[k, VX] * overdue, estimates[k, Y] - estimates[k, VY] * overdue
-            count_comparison(row, pool)
+            count_comparison(row, scan)
             error = math.hypot(x - row[_X], y - row[_Y]) / (row[_DUE] - row[_SINCE])
-            add_error(row, pool, 0, error)
+            add_error(row, scan, 0, error)
             missed[0] += int(error > _MISS)
         if overdue > -1e-6:
             row[_DUE] = -math.inf
         row[SEEN] = t
-        out[k] = velocity_error(row, pool, 0)
+    add_to_pool(pool, scan)
+    for k in range(len(estimates)):
+        out[k] = velocity_error(table.rows[row_at[k]], pool, 0) if row_at[k] >= 0 else _AXIS * pool[0]
 
 
 @kernel

@@ -40,8 +40,8 @@ def _diagonal(row: Floats) -> float:
 def update_stays(table: Table, estimates: Floats, seen: Floats, t: float) -> None:
     """Update the stays with the tracks that are seen at time `t` s.
 
-    `table` has the stays known so far, [M, COLUMNS]; when it is full, further tracks are left out. So are estimates
-    (kernels/tracking/predict.py) without an id. `seen`, float64[K], is when each of them was last seen, s.
+    `table` has the stays known so far, [M, COLUMNS]; when it is full, further tracks are left out. The estimates are those of
+    kernels/tracking/predict.py, and `seen`, float64[K], is when each of them was last seen, s.
     """
     rows, kept = table.rows, 0
     for i in range(table.used[0]):
@@ -54,7 +54,7 @@ def update_stays(table: Table, estimates: Floats, seen: Floats, t: float) -> Non
             kept += 1
     table.used[0] = kept
     for k in range(len(estimates)):
-        if estimates[k, ID] < 0.0 or seen[k] != t:
+        if seen[k] != t:
             continue
         i, is_new = row_for(table, estimates[k, ID])
         if i < 0:

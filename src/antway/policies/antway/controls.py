@@ -21,7 +21,6 @@ from antway.kernels.controls.seeds import SEEDS
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.policies.antway.control_options import ControlOptions
-from antway.policies.antway.response import was_carried
 from antway.policies.guard import assumed_swerve, relative_swerve
 from antway.world.policy import Command, Observation, Task, commanded
 from antway.world.robots import RobotSpec
@@ -40,6 +39,7 @@ _SLACK = 0.05  # s; far from obstacles a robot may arrive earlier than plans by 
 _DEEPER = 1e-3  # m; a robot whose place is in a wall gets no deeper in it than this
 _AT_REST = 0.2  # m/s; an obstacle that is slower is at rest, and turns are expected of those that move
 _REGAINED = 2.0  # 1; for each second that the robot gets nearer to its goal, so many of the seconds without it are forgotten.
+_BACK = 3.0  # s; a robot that is farther from its goal by this than it was goes round something, or was carried or pushed back
 _STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
@@ -161,8 +161,6 @@ class ControlColony:
         rate, change = turns
         if math.dist(observation.xy, self.task.goal) <= self.task.goal_tolerance:  # it has arrived, and stays
             self._stand_at_goal()
-        if was_carried(self.problem.start[:2], state[:2], self.robot):
-            self.nearest = math.inf  # how near it was does not count any more
         self.problem, self.began = self.problem._replace(start=state), start
         problem = self.problem._replace(weights=self._weights_now(start, state, rate, len(knots) > 0))
         margins, outlook = self.margins, problem.outlook
@@ -192,6 +190,8 @@ class ControlColony:
         """
         field, weights = self.problem.field, self.problem.weights
         to_go, there = static_time(field, state), math.dist(self.task.goal, state[:2]) <= self.task.goal_tolerance
+        if to_go > self.nearest + _BACK:
+            self.nearest = math.inf  # how near it was does not count any more
         if to_go < self.nearest - self.robot.dt or there:
             self.since = now if there else min(now, self.since + _REGAINED * (self.nearest - to_go))
             self.nearest = to_go

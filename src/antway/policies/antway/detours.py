@@ -95,6 +95,12 @@ class Detours:
         other = self.narrow if self.contexts is self.wide else self.wide
         return self._expect(t, other)
 
+    def go_on(self, before: Detours) -> None:
+        """Go on with the stays that were known `before`; if times counted with them, they are to do so again at once."""
+        self.stays = before.stays
+        if before.expects:
+            self._nearest, self._since = _time_to_go(self.contexts, self.times, before._xy), -math.inf
+
     def adopt(self, found: Times) -> None:
         """Use other times from now on."""
         self.contexts, self.times = found

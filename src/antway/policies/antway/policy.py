@@ -350,16 +350,15 @@ class AntwayPolicy:
 
     def _follow_plan(self, o: Observation) -> tuple[Command, int]:
         """Plan; return the command that follows the plan, and what was done with the plan."""
-        age = o.t - o.sensed_at
-        vx, vy, what = self._plan(o, age)
-        return Command(self._aside(o, age, (vx, vy))), what
+        vx, vy, what = self._plan(o)
+        return Command(self._aside(o, o.t - o.sensed_at, (vx, vy))), what
 
     def _roll_out(self, o: Observation) -> tuple[Command, int]:
         """Do as `_follow_plan`, but the ants in the space of controls find the command."""
         s = self._state
         assert s.controls is not None
-        delay, acting_at, robot = acting(o, s.task.robot)
-        self._plan(acting_at, o.t - o.sensed_at + delay)
+        _, acting_at, robot = acting(o, s.task.robot)
+        self._plan(acting_at)
         n, m, estimates = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), s.tracker.estimates
         if n == 0 and states.is_cut_off(s, o):
             return s.controls.stand(), KEPT  # all rollouts are as bad as any other
@@ -372,11 +371,11 @@ class AntwayPolicy:
         command = s.controls.act(o, acting_at.t, robot, segments, sigma, s.plan.knots[:n], s.plan.state.item(ARRIVAL), turns)
         return command, KEPT if s.controls.same_path() else NEW
 
-    def _plan(self, o: Observation, age: float) -> tuple[float, float, int]:
-        """Predict and plan in one cycle of kernels/crossing.py, from estimates `age` s old; return what `cycle` returns."""
+    def _plan(self, o: Observation) -> tuple[float, float, int]:
+        """Predict and plan in one cycle of kernels/crossing.py; return what `cycle` returns."""
         s = self._state
         states.adapt_settings(s, o.t, self.horizon)
-        now = float(o.t), float(age), (float(o.xy[0]), float(o.xy[1]))
+        now = float(o.t), float(o.sensed_at), (float(o.xy[0]), float(o.xy[1]))
         known = s.context, s.terrain, s.settings, s.plan, s.crowd, s.tracker.estimates, *now, s.rng
         return call(cycle, s.memory or self.memory(), s.trails, *known)
 

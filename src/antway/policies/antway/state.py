@@ -173,12 +173,10 @@ def set_times(s: State, times: Times, field: StaticField | None) -> None:
 def carried_on(new: State, old: State) -> State:
     """Return the state `new` with what is known of obstacles in `old`, and without a plan."""
     drop_plan(old.plan)
-    new.detours.stays = old.detours.stays
+    new.detours.go_on(old.detours)
     settings = new.settings if old.settings.tubes.edges else without_edges(new.settings)
-    known = {
-        name: getattr(old, name) for name in ("surroundings", "terrain", "plan", "crowd", "tracker", "started", "yielding")
-    }
-    return replace(new, settings=settings, **known)
+    names = "surroundings", "terrain", "plan", "crowd", "tracker", "started", "yielding", "dance"
+    return replace(new, settings=settings, **{name: getattr(old, name) for name in names})
 
 
 def contexts_from(place: XY | None, task: Task, moves: Moves, heading: float) -> tuple[ContextPair, ContextPair | None]:
@@ -196,7 +194,7 @@ def is_cut_off(s: State, o: Observation) -> bool:
 
 def taken_over(new: State, old: State) -> State:
     """Return the state `new` for another task of the robot, with what is known of it and of obstacles in `old`."""
-    own = {name: getattr(new, name) for name in ("surroundings", "terrain", "yielding")}
+    own = {name: getattr(new, name) for name in ("surroundings", "terrain", "yielding", "dance")}
     return replace(carried_on(new, old), response=old.response, **own)
 
 

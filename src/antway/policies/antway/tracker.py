@@ -60,10 +60,8 @@ class Tracker:
             seen = replace(seen, tracks=nearest(seen.tracks, seen.xy))
         tracks, self._next_id = with_ids(seen.tracks, t, self.table, self._next_id)
         if tracks.covariance is None:
-            wrong = [
-                reported.wrong(*table[:2], errors, t, tracks.id, tracks.xy, tracks.velocity, span)
-                for table, errors, span in self._compared
-            ]
+            scan = _by_id(tracks)
+            wrong = [reported.wrong(table.rows, table.used, errors, t, *scan, span) for table, errors, span in self._compared]
             if any(wrong) != self.doubts_velocities:
                 self.doubts_velocities = any(wrong)
                 self._forget()
@@ -144,7 +142,7 @@ class Tracker:
 
     def _shown(self, tracks: Tracks, t: float) -> tuple[float, float]:
         """Return the variances of measured places (m^2) and velocities (m^2/s^2) that innovations show."""
-        return noise.measured_noise(*self._measured[:2], self._noise, t, tracks.id, tracks.xy, tracks.velocity)
+        return noise.measured_noise(self._measured.rows, self._measured.used, self._noise, t, *_by_id(tracks))
 
     def _doubt(self, found: tuple[float, float]) -> None:
         """Doubt estimates that were made while measurements were taken to be better than these variances."""
@@ -180,6 +178,12 @@ class Tracker:
         covariance[:, 0, 0] = covariance[:, 1, 1] = e[:, SIGMA] ** 2
         covariance[:, 2, 2] = covariance[:, 3, 3] = e[:, SIGMA_V] ** 2
         return replace(seen, tracks=Tracks(ids_of(e), e[:, :2], velocity, e[:, RADIUS], covariance))
+
+
+def _by_id(tracks: Tracks) -> tuple[Ints, Floats, Floats]:
+    """Return ids, places and velocities in the order of the ids, as what is learnt track by track depends on the order."""
+    at = np.argsort(tracks.id)
+    return tracks.id[at], tracks.xy[at], tracks.velocity[at]
 
 
 def nearest(tracks: Tracks, xy: XY) -> Tracks:
