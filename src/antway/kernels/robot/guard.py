@@ -219,7 +219,8 @@ def guarded(state: RobotState, cx: float, cy: float, tracks: Floats, rules: Rule
     The commanded velocity (cx, cy) passes if the robot's braking path after it is free; else the fastest velocity in the same
     direction whose braking path is free; else the robot stands. If a track would touch the standing robot within `lookahead` s,
     the robot steps aside, if that delays the contact; where `rules.strict` is false, it takes the command of `least_harm`
-    instead, certain or not. Wheels at rest turn towards the command. The state has the velocity (vx, vy), whatever the drive.
+    instead, certain or not. Wheels at rest that turn by at most a right angle in a period turn towards the command. The state
+    has the velocity (vx, vy), whatever the drive.
     """
     (x, y, heading, vx, vy), limits, dt, speed = state, rules.limits, rules.dt, math.hypot(cx, cy)
     v_max = limits.v_max
@@ -240,9 +241,10 @@ def guarded(state: RobotState, cx: float, cy: float, tracks: Floats, rules: Rule
         ax, ay = _aside(state, standing, tracks, rules)
         if ax != 0.0 or ay != 0.0:
             return ax, ay, STEPPED_ASIDE
-    turn = wrap(math.atan2(cy, cx) - heading)
-    if limits.drive == DIFFERENTIAL and speed > TOUCH and math.hypot(vx, vy) <= TOUCH and abs(turn) > limits.turn_rate * dt:
+    turn, most = wrap(math.atan2(cy, cx) - heading), limits.turn_rate * dt
+    stands = speed > TOUCH and math.hypot(vx, vy) <= TOUCH
+    if limits.drive == DIFFERENTIAL and stands and most < abs(turn) and most <= math.pi / 2:
         # A right angle to the heading after the turn: the robot turns without driving.
-        side = heading + math.copysign(limits.turn_rate * dt + math.pi / 2, turn)
+        side = heading + math.copysign(most + math.pi / 2, turn)
         return speed * math.cos(side), speed * math.sin(side), BRAKED
     return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED
