@@ -20,14 +20,14 @@ SOUND, BAD_ROBOT, BAD_PLACE, BAD_VELOCITY, BAD_RADIUS, SAME_ID = range(6)  # res
 _FRACTIONS = 10  # number of speeds tried in the commanded direction
 _SIDES = 16  # number of directions tried for a step aside
 _LEARNS = 0.01  # 1; share by which, in each control cycle, the learnt speed bound moves towards the fastest speed seen
-# Columns of the table of recent tracks. _SEEN is a time in s; _SPEED is -1 if unknown. The next three are the largest values
-# observed: the speed, its growth, and the change of the velocity. _ERROR is that of the latest speed, m/s.
-_ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED, _FASTEST, _GROWTH, _CHANGE, _ERROR = range(12)
-TABLE_COLUMNS, TRACK_SPEED = 12, _SPEED
+# Columns of the table of recent tracks. _SEEN is a time in s; _SPEED is -1 if unknown. The next two are the largest values
+# observed: the speed and its growth. _ERROR is that of the latest speed, m/s.
+_ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED, _FASTEST, _GROWTH, _ERROR = range(11)
+TABLE_COLUMNS, TRACK_SPEED = 11, _SPEED
 
 # Entries of the bounds on obstacles: the speed in m/s; the growth of the speed and the change of the velocity vector in m/s^2;
-# a speed in m/s learnt from all obstacles, which any of them may have; the time in s after which the robot stands; and whether
-# observed changes of a velocity raise the bound for that track (1 or 0).
+# a speed in m/s learnt from all obstacles, which any of them may have; and the time in s after which the robot stands. The last
+# one is not read.
 BOUND_SPEED, BOUND_GROWTH, BOUND_CHANGE, BOUND_KIND, STOPPING_TIME, STRICT = range(6)
 
 
@@ -104,11 +104,9 @@ def within_reach(
             i += 1
         if i == count:
             count += 1
-            table[i, _FASTEST], table[i, _GROWTH], table[i, _CHANGE] = 0.0, 0.0, 0.0
+            table[i, _FASTEST], table[i, _GROWTH] = 0.0, 0.0
         elif known and exact and stamp > table[i, _SEEN] and table[i, _SPEED] >= 0.0:
-            dt = stamp - table[i, _SEEN]
-            table[i, _GROWTH] = max(table[i, _GROWTH], (speed - table[i, _SPEED]) / dt)
-            table[i, _CHANGE] = max(table[i, _CHANGE], math.hypot(vx - table[i, _VX], vy - table[i, _VY]) / dt)
+            table[i, _GROWTH] = max(table[i, _GROWTH], (speed - table[i, _SPEED]) / (stamp - table[i, _SEEN]))
         if known:
             if exact:
                 table[i, _FASTEST], top = max(table[i, _FASTEST], speed), max(top, speed)
@@ -128,8 +126,7 @@ def within_reach(
         fastest, speed = max(bounds[BOUND_SPEED], bounds[BOUND_KIND], table[i, _FASTEST]), table[i, _SPEED]
         growth = max(bounds[BOUND_GROWTH], table[i, _GROWTH]) * (age + stopping_time)
         out[kept, SPEED] = min(fastest, speed + table[i, _ERROR] + growth) if speed >= 0.0 else fastest
-        change = max(bounds[BOUND_CHANGE], table[i, _CHANGE]) if bounds[STRICT] > 0.0 else bounds[BOUND_CHANGE]
-        out[kept, ACCEL], out[kept, AGE] = change if speed >= 0.0 else math.inf, age
+        out[kept, ACCEL], out[kept, AGE] = bounds[BOUND_CHANGE] if speed >= 0.0 else math.inf, age
         kept += 1
     return kept
 
