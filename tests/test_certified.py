@@ -1,0 +1,158 @@
+"""The certificate of a stop against steps of a millisecond: what is certified keeps clear, and nothing else is refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import Grid, RobotSpec
+from antway.kernels.base.records import RobotState
+from antway.kernels.robot.brake import CYCLES, Robot, Situation, certified, stop_for
+from antway.kernels.robot.guard import BRAKED, FREE, SLOWED
+from antway.kernels.robot.passing import passed_command
+from antway.kernels.robot.sweep import Body
+from antway.world.terrain import walls_of
+from common import cases
+from naive import motion as naive
+
+DT, MARGIN, SIZE, NEARLY = 0.1, 0.02, 0.25, 3e-3
+BLOCKED = np.zeros((24, 24), dtype=bool)  # 6 x 6 m
+BLOCKED[10:12, 14:16] = BLOCKED[4:6, 3:9] = True
+WALLS = walls_of(Grid(BLOCKED, SIZE))
+FOOTPRINT = ((0.45, 0.0), (-0.25, 0.3), (-0.25, -0.3))
+DRIVES = ("holonomic", "differential", "ackermann")
+
+
+def some(rng: np.random.Generator, drive: str, polygon: bool, obstacles: int) -> tuple[Robot, RobotState, np.ndarray]:
+    """A robot that drives somewhere, and rows of obstacles around it."""
+    wheels = drive != "holonomic"
+    spec = RobotSpec(
+        radius=0.3,
+        v_max=float(rng.choice([0.7, 1.5])),
+        a_max=float(rng.choice([0.7, 2.0, math.inf])),
+        brake_max=float(rng.choice([0.8, 2.0])),
+        drive=drive,
+        dt=DT,
+        turn_rate=float(rng.choice([1.0, 2.5])),
+        alpha_max=float(rng.choice([1.5, 4.0])),
+        v_reverse=0.4 if wheels else 0.0,
+        turning_radius=0.5 if drive == "ackermann" else 0.0,
+        latency=float(rng.choice([0.0, 0.07])),
+        footprint=FOOTPRINT if polygon else None,
+    )
+    body = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2)))
+    robot = Robot(spec.limits, body, WALLS, DT, MARGIN, True, np.empty((8, 8)), np.array([0.0, 0.0, 0.0, -1.0]))
+    x, y, theta = *rng.uniform(0.8, 5.2, 2), rng.uniform(-3.0, 3.0)
+    angle, speed = rng.uniform(-3.0, 3.0), rng.uniform(0.0, spec.v_max)
+    a, b = speed * math.cos(angle), speed * math.sin(angle)
+    if wheels:
+        a = rng.uniform(-spec.v_reverse, spec.v_max)
+        b = rng.uniform(-1.0, 1.0) * (abs(a) / 0.5 if drive == "ackermann" else 1.0) * min(spec.turn_rate, 1.0)
+    n = obstacles
+    angle, far = rng.uniform(-3.0, 3.0, n), rng.uniform(0.6, 1.6, n)
+    xy = np.array([x, y]) + far[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))
+    velocity, radius, speed = rng.uniform(-0.5, 0.5, (n, 2)), rng.uniform(0.1, 0.3, n), rng.uniform(0.0, 1.0, n)
+    accel = rng.choice([math.inf, 0.5, 2.0], n)
+    return (
+        robot,
+        RobotState(x, y, theta, a, b),
+        np.column_stack((xy, velocity, radius, speed, accel, rng.choice([0.0, 0.1], n))),
+    )
+
+
+def command(rng: np.random.Generator, robot: Robot) -> tuple[float, float]:
+    """A command that moves the robot, within its limits."""
+    most = robot.limits.turn_rate if robot.limits.drive else robot.limits.v_max / 2
+    return float(rng.uniform(-0.4, 0.85 * robot.limits.v_max)), float(rng.uniform(-most, most))
+
+
+def start_gap(robot: Robot, state: RobotState) -> float:
+    """The gap between the robot, where it is, and walls."""
+    corners = naive.body_at(robot.body.corners, *np.array(state[:3])[:, None])
+    return float(naive.wall_gap(corners, BLOCKED, SIZE, 0.5)[0]) - robot.body.rounding
+
+
+def least_gaps(robot: Robot, state: RobotState, commands: list[tuple[float, float]], rows: np.ndarray) -> tuple[float, float]:
+    """The least gaps to walls and to where obstacles can be, until the robot stands after the commands and a stop."""
+    limits, body, steps, rest = robot.limits, robot.body, [], 0
+    drive, at = naive.wheels if limits.drive else naive.holonomic, tuple(state)
+    turns = limits.drive > 0 and len(body.corners) > 1
+    while rest < len(commands) or math.hypot(*at[3:]) if not limits.drive else abs(at[3]) + abs(at[4]) * turns > 1e-9:
+        one = commands[rest] if rest < len(commands) else (0.0, 0.0)
+        steps.append(drive(at, one, limits, DT)[rest > 0 :])
+        at, rest = tuple(steps[-1][-1]), rest + 1
+    path = np.concatenate(steps)
+    t = limits.latency + np.arange(len(path)) * naive.MS
+    moves = np.hypot(path[:, 3], path[:, 4]) if not limits.drive else np.abs(path[:, 3]) + np.abs(path[:, 4]) * turns
+    keep = moves > 1e-6
+    corners = naive.body_at(body.corners, *path[keep, :3].T)
+    if not len(corners):
+        return math.inf, math.inf
+    wall = float(naive.wall_gap(corners, BLOCKED, SIZE, 0.5).min()) - body.rounding
+    least = math.inf
+    for x, y, vx, vy, r, speed, accel, age in rows:
+        later = t[keep] + age
+        gap = naive.hull_gap(corners, np.array([[x, y]])) - speed * later
+        if accel < math.inf:
+            centre = np.column_stack((x + vx * later, y + vy * later))[:, None]
+            gap = np.maximum(gap, naive.hull_gap(corners, centre) - accel * later**2 / 2)
+        least = min(least, float(gap.min()) - r - body.rounding)
+    return wall, least
+
+
+@pytest.mark.parametrize("polygon", [False, True])
+@pytest.mark.parametrize("drive", DRIVES)
+def test_what_is_certified_is_what_steps_of_a_millisecond_find_clear(drive: str, polygon: bool) -> None:
+    """One command, a bend of some cycles and braking: the verdict is that of the samples, but for what is too close to call."""
+    rng, said = np.random.default_rng([5, len(drive), polygon]), []
+    for i in range(cases(120, 3000)):
+        robot, state, rows = some(rng, drive, polygon, 1 + i % 2)
+        if start_gap(robot, state) < MARGIN + 1e-6:
+            continue  # it is in a wall, out of which it may drive
+        (ca, cb), cycles = command(rng, robot), int(rng.integers(3))
+        bend = (0.0, float(rng.uniform(-1.0, 1.0))) if robot.limits.drive else (state.a, 0.0)
+        wall, least = least_gaps(robot, state, [(ca, cb), *[bend] * cycles], rows)
+        clear = certified(Situation(state, robot, MARGIN, rows), ca, cb, *bend, cycles)
+        if abs(wall - MARGIN) > NEARLY and abs(least) > NEARLY:
+            said.append(clear)
+            assert clear == (wall > MARGIN and least > 0.0), (i, wall, least)
+    assert 0.2 < np.mean(said) < 0.95
+
+
+def slower(robot: Robot, ca: float, cb: float) -> list[tuple[float, float]]:
+    """The slower commands in the order in which they are tried. Wheels keep the turn rate, or else the arc, or only turn."""
+    shares = [0.8, 0.6, 0.4, 0.2]
+    if not robot.limits.drive:
+        return [(ca * share, cb * share) for share in shares]
+    turn = [] if robot.limits.turning_radius else [(0.0, cb)]
+    return [one for share in shares for one in ((ca * share, cb), (ca * share, cb * share))] + turn
+
+
+@pytest.mark.parametrize("polygon", [False, True])
+@pytest.mark.parametrize("drive", DRIVES)
+def test_the_fastest_command_passes_that_is_certified_among_all_obstacles(drive: str, polygon: bool) -> None:
+    """Obstacles that are left out as too far away make no difference, and the stop that is kept is clear of all of them."""
+    rng, seen = np.random.default_rng([6, len(drive), polygon]), set()
+    for i in range(cases(120, 3000)):
+        robot, state, rows = some(rng, drive, polygon, 1 + i % 3)
+        if start_gap(robot, state) < MARGIN + 1e-6:
+            continue
+        ca, cb = command(rng, robot)
+        situation = Situation(state, robot, MARGIN, rows)
+        expected = next((one for one in [(ca, cb), *slower(robot, ca, cb)] if stop_for(situation, *one)), None)
+        name = SLOWED if expected != (ca, cb) else FREE
+        if expected is None:
+            stops = stop_for(situation, 0.0, 0.0)
+            expected, name = (0.0, 0.0) if stops else (0.3, 0.1), BRAKED
+        robot.keep[:] = 0.3, 0.1, 2.0, -1.0
+        *passed, did = passed_command(state, ca, cb, rows, robot, -1.0)
+        assert did == name and passed == pytest.approx(expected, abs=1e-12), i
+        seen.add(did)
+        if expected == (0.3, 0.1):
+            assert robot.keep.tolist() == [0.3, 0.1, 1.0, -1.0]  # the next command of the stop kept before
+        else:
+            wall, least = least_gaps(robot, state, [tuple(passed), *[tuple(robot.keep[:2])] * int(robot.keep[CYCLES])], rows)
+            assert wall > MARGIN - NEARLY and least > -NEARLY, i
+    assert seen == {FREE, SLOWED, BRAKED}
