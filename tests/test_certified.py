@@ -63,7 +63,7 @@ def some(rng: np.random.Generator, drive: str, polygon: bool, obstacles: int) ->
     return (
         robot,
         RobotState(x, y, theta, a, b),
-        np.column_stack((xy, velocity, radius, speed, accel, rng.choice([0.0, 0.1], n))),
+        np.column_stack((xy, velocity, radius, speed, accel, rng.choice([0.0, 0.1, 1.0], n))),
     )
 
 
