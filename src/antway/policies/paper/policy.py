@@ -119,16 +119,16 @@ class PaperPolicy:
         self.guard = Guard() if self.routes.stops else None  # the paper's robot stops and turns at once and needs no guard
         if self.guard is not None:
             self.guard.reset(task)
-        self._begin(task, seed)
+        self._start(task, seed)
 
     def depart(self, task: Task, seed: int) -> None:
         """Do as `reset` for another task of the same robot; the guard keeps its certified stop and its tracks."""
         self.routes = StaticRoutes(task)
         if self.guard is not None:
             self.guard.set_robot(task)
-        self._begin(task, seed)
+        self._start(task, seed)
 
-    def _begin(self, task: Task, seed: int) -> None:
+    def _start(self, task: Task, seed: int) -> None:
         """Take the shortest path from the start, and forget obstacles and ants."""
         self.seed, self.spec = checks.seed(seed), task.robot
         self.path = self.routes.to_goal(task.start)
