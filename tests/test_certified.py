@@ -166,10 +166,11 @@ def test_the_fastest_command_passes_that_is_certified_among_all_obstacles(drive:
         if i % 2:  # fast ones from far away
             rows[:, :2], rows[:, SPEED] = state[:2] + 2.0 * (rows[:, :2] - state[:2]), 3.0 * rows[:, SPEED]
         ca, cb = command(rng, robot)
-        if i % 4 == 0:  # it drives along the edge of the map, and a little towards it
-            speed, down, rows = 0.9 * robot.limits.v_max, rng.uniform(0.05, 0.3), rows[:0]
-            ca, cb = (speed, 0.0) if robot.limits.drive else (speed, -speed * down)
-            state = RobotState(2.7, robot.body.radius + rng.uniform(0.03, 0.2), -down, ca, cb)
+        if i % 4 == 0:  # it drives along an edge of the map, and a little towards it
+            speed, off, side, rows = 0.9 * robot.limits.v_max, rng.uniform(0.05, 0.3), 1 - i // 4 % 2 * 2, rows[:0]
+            ca, cb = (speed, 0.0) if robot.limits.drive else (speed, speed * off * side)
+            y = 3.0 + side * (3.0 - robot.body.radius - rng.uniform(0.03, 0.2))
+            state = RobotState(2.7, y, off * side, ca, cb)
         situation, before = Situation(state, robot, 0.0, rows), [0.3, 0.1, 2.0, -1.0]
         asked = [
             (ca, cb),
