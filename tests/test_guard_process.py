@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -106,6 +108,26 @@ def test_an_observation_that_makes_no_sense_brakes(process: GuardProcess) -> Non
     answer = process.answer(process.observe(seen(0.0, (float("nan"), 1.0))))
     assert answer.did == "braked" and answer.command == Command((0.0, 0.0))
     assert process.process.poll() is None
+
+
+@pytest.mark.parametrize("wrong", [{"heading": math.nan}, {"velocity": (math.nan, 0.0)}])
+def test_after_an_observation_that_makes_no_sense_it_brakes_with_numbers(tmp_path: Path, wrong: dict) -> None:
+    """Such as a heading that is not a number, after which no observation comes and the process that senses ends.
+
+    The command used to be (nan, nan), and the process ended without a stop if it was the speed.
+    """
+    (tmp_path / "memory").write_bytes(bytes(SIZE))
+    for side in SIDES:
+        os.mkfifo(tmp_path / side)
+    robot, sent = RobotSpec(dt=1e-3, a_max=5.0, drive="differential"), []
+    task = replace(TASK, robot=robot)
+    server = guard_process._Server(str(tmp_path), 0.7, 0.0, lambda: lambda command, _: sent.append(command), {}, os.getpid())
+    server.reset(task)
+    server.answer(task, 1, replace(seen(0.0, velocity=(0.5, 0.0)), **wrong))
+    server.brake(task)
+    server.leave()
+    assert len(sent) > 0.5 / robot.a_max / robot.dt and set(sent) == {Command((0.0, 0.0), (0.0, 0.0))}
+    server.link.close()
 
 
 def test_without_observations_it_brakes_too(process: GuardProcess) -> None:

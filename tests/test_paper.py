@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
 
@@ -295,6 +296,18 @@ def test_a_robot_that_cannot_turn_or_stop_at_once_has_a_guard(late: dict) -> Non
         result = run(hall(*discs, robot=robot, sensor=Sensor(occlusion=False), obstacle_speed=1.2), "paper", seed=seed)
         check_episode(result)
         assert result.outcome not in (Outcome.HIT_MOVING, Outcome.HIT_WALL), seed
+
+
+def test_at_a_stop_the_guard_remembers_who_was_just_seen() -> None:
+    """Somebody stands 5 mm before a robot that departs, and is hidden then; the guard used to forget him."""
+    grid, robot = Grid(np.zeros((40, 80), bool), 0.1), RobotSpec(a_max=1.0)
+    policy, task = policy_module.PaperPolicy(), Task(grid, robot, (2.0, 2.0), (2.05, 2.0), obstacle_speed=0.0)
+    policy.reset(task, 1)
+    one = Tracks([1], [[2.0 + 2 * robot.radius + 0.005, 2.0]], [[0.0, 0.0]], [robot.radius])
+    policy.act(Observation(0.0, (2.0, 2.0), (0.0, 0.0), 0.0, one))
+    policy.depart(replace(task, goal=(6.0, 2.0)), 2)
+    command = policy.act(Observation(0.1, (2.0, 2.0), (0.0, 0.0), 0.0, Tracks.none()))
+    assert command.velocity[0] < 0.9 and policy.explain().guard != "free"
 
 
 def test_a_command_that_acts_late_is_for_the_heading_at_that_time() -> None:

@@ -71,14 +71,12 @@ class Book:
         """The rows of kernels/robot/reach.py; `bounds` are on speed, its growth and the change of velocity; [3] is learnt."""
         for k, obstacle in enumerate(name.tolist()):
             speed = math.hypot(*velocity[k])
-            most = [0.0, 0.0, 0.0]
+            most = [0.0, 0.0]
             if obstacle in self.seen:
                 before = self.seen[obstacle]
                 most = list(before[-1])
                 if spread[k] == 0.0 and not math.isnan(speed) and not math.isnan(before[-2]) and stamp > before[0]:
-                    dt = stamp - before[0]
-                    most[1] = max(most[1], (speed - before[-2]) / dt)
-                    most[2] = max(most[2], math.hypot(velocity[k][0] - before[3], velocity[k][1] - before[4]) / dt)
+                    most[1] = max(most[1], (speed - before[-2]) / (stamp - before[0]))
             v = np.zeros(2) if math.isnan(speed) else velocity[k]
             if spread[k] == 0.0 and not math.isnan(speed):
                 most[0] = max(most[0], speed)
@@ -90,7 +88,7 @@ class Book:
         for at, x, y, vx, vy, r, speed, most in self.seen.values():
             fastest = max(bounds[0], bounds[3], most[0])
             bound = min(fastest, speed + max(bounds[1], most[1]) * (now - at + stopping))
-            accel = max(bounds[2], most[2])
+            accel = bounds[2]
             if math.isnan(speed):
                 bound, accel = fastest, math.inf
             rows.append((x, y, vx, vy, r, bound, accel, now - at))

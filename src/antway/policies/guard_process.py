@@ -265,8 +265,9 @@ class _Server:
                 break
         try:
             passed = self.guard.limit(seen, command)
-        except BadInput:  # an invalid observation: brake
-            passed = self.guard.passed(replace(seen, stamp=-math.inf, heading=0.0), None)
+        except BadInput:  # an invalid observation: brake, and so from now on, until a valid one comes
+            self.seen = replace(seen, stamp=-math.inf, velocity=(0.0, 0.0), heading=0.0)
+            passed = self.guard.passed(self.seen, None)
         self.give(passed)
 
     def brake(self, task: Task) -> None:

@@ -20,14 +20,14 @@ SOUND, BAD_ROBOT, BAD_PLACE, BAD_VELOCITY, BAD_RADIUS, SAME_ID = range(6)  # res
 _FRACTIONS = 10  # number of speeds tried in the commanded direction
 _SIDES = 16  # number of directions tried for a step aside
 _LEARNS = 0.01  # 1; share by which, in each control cycle, the learnt speed bound moves towards the fastest speed seen
-# Columns of the table of recent tracks. _SEEN is a time in s; _SPEED is -1 if unknown. The next three are the largest values
-# observed: the speed, its growth, and the change of the velocity. _ERROR is that of the latest speed, m/s.
-_ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED, _FASTEST, _GROWTH, _CHANGE, _ERROR = range(12)
-TABLE_COLUMNS, TRACK_SPEED = 12, _SPEED
+# Columns of the table of recent tracks. _SEEN is a time in s; _SPEED is -1 if unknown. The next two are the largest values
+# observed: the speed and its growth. _ERROR is that of the latest speed, m/s.
+_ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED, _FASTEST, _GROWTH, _ERROR = range(11)
+TABLE_COLUMNS, TRACK_SPEED = 11, _SPEED
 
 # Entries of the bounds on obstacles: the speed in m/s; the growth of the speed and the change of the velocity vector in m/s^2;
-# a speed in m/s learnt from all obstacles, which any of them may have; the time in s after which the robot stands; and whether
-# observed changes of a velocity raise the bound for that track (1 or 0).
+# a speed in m/s learnt from all obstacles, which any of them may have; and the time in s after which the robot stands. The last
+# one is not read.
 BOUND_SPEED, BOUND_GROWTH, BOUND_CHANGE, BOUND_KIND, STOPPING_TIME, STRICT = range(6)
 
 
@@ -104,11 +104,9 @@ def within_reach(
             i += 1
         if i == count:
             count += 1
-            table[i, _FASTEST], table[i, _GROWTH], table[i, _CHANGE] = 0.0, 0.0, 0.0
+            table[i, _FASTEST], table[i, _GROWTH] = 0.0, 0.0
         elif known and exact and stamp > table[i, _SEEN] and table[i, _SPEED] >= 0.0:
-            dt = stamp - table[i, _SEEN]
-            table[i, _GROWTH] = max(table[i, _GROWTH], (speed - table[i, _SPEED]) / dt)
-            table[i, _CHANGE] = max(table[i, _CHANGE], math.hypot(vx - table[i, _VX], vy - table[i, _VY]) / dt)
+            table[i, _GROWTH] = max(table[i, _GROWTH], (speed - table[i, _SPEED]) / (stamp - table[i, _SEEN]))
         if known:
             if exact:
                 table[i, _FASTEST], top = max(table[i, _FASTEST], speed), max(top, speed)
@@ -128,8 +126,7 @@ def within_reach(
         fastest, speed = max(bounds[BOUND_SPEED], bounds[BOUND_KIND], table[i, _FASTEST]), table[i, _SPEED]
         growth = max(bounds[BOUND_GROWTH], table[i, _GROWTH]) * (age + stopping_time)
         out[kept, SPEED] = min(fastest, speed + table[i, _ERROR] + growth) if speed >= 0.0 else fastest
-        change = max(bounds[BOUND_CHANGE], table[i, _CHANGE]) if bounds[STRICT] > 0.0 else bounds[BOUND_CHANGE]
-        out[kept, ACCEL], out[kept, AGE] = change if speed >= 0.0 else math.inf, age
+        out[kept, ACCEL], out[kept, AGE] = bounds[BOUND_CHANGE] if speed >= 0.0 else math.inf, age
         kept += 1
     return kept
 
@@ -219,7 +216,8 @@ def guarded(state: RobotState, cx: float, cy: float, tracks: Floats, rules: Rule
     The commanded velocity (cx, cy) passes if the robot's braking path after it is free; else the fastest velocity in the same
     direction whose braking path is free; else the robot stands. If a track would touch the standing robot within `lookahead` s,
     the robot steps aside, if that delays the contact; where `rules.strict` is false, it takes the command of `least_harm`
-    instead, certain or not. Wheels at rest turn towards the command. The state has the velocity (vx, vy), whatever the drive.
+    instead, certain or not. Wheels at rest that turn by at most a right angle in a period turn towards the command. The state
+    has the velocity (vx, vy), whatever the drive.
     """
     (x, y, heading, vx, vy), limits, dt, speed = state, rules.limits, rules.dt, math.hypot(cx, cy)
     v_max = limits.v_max
@@ -240,9 +238,10 @@ def guarded(state: RobotState, cx: float, cy: float, tracks: Floats, rules: Rule
         ax, ay = _aside(state, standing, tracks, rules)
         if ax != 0.0 or ay != 0.0:
             return ax, ay, STEPPED_ASIDE
-    turn = wrap(math.atan2(cy, cx) - heading)
-    if limits.drive == DIFFERENTIAL and speed > TOUCH and math.hypot(vx, vy) <= TOUCH and abs(turn) > limits.turn_rate * dt:
+    turn, most = wrap(math.atan2(cy, cx) - heading), limits.turn_rate * dt
+    stands = speed > TOUCH and math.hypot(vx, vy) <= TOUCH
+    if limits.drive == DIFFERENTIAL and stands and most < abs(turn) and most <= math.pi / 2:
         # A right angle to the heading after the turn: the robot turns without driving.
-        side = heading + math.copysign(limits.turn_rate * dt + math.pi / 2, turn)
+        side = heading + math.copysign(most + math.pi / 2, turn)
         return speed * math.cos(side), speed * math.sin(side), BRAKED
     return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED

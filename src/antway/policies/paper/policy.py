@@ -115,10 +115,22 @@ class PaperPolicy:
 
     def reset(self, task: Task, seed: int) -> None:
         """Steps 1 and 2: find the shortest path over the known map with Dijkstra's algorithm."""
-        self.seed, self.spec, self.routes = checks.seed(seed), task.robot, StaticRoutes(task)
+        self.routes = StaticRoutes(task)
         self.guard = Guard() if self.routes.stops else None  # the paper's robot stops and turns at once and needs no guard
         if self.guard is not None:
             self.guard.reset(task)
+        self._start(task, seed)
+
+    def depart(self, task: Task, seed: int) -> None:
+        """Do as `reset` for another task of the same robot; the guard keeps its certified stop and its tracks."""
+        self.routes = StaticRoutes(task)
+        if self.guard is not None:
+            self.guard.set_robot(task)
+        self._start(task, seed)
+
+    def _start(self, task: Task, seed: int) -> None:
+        """Take the shortest path from the start, and forget obstacles and ants."""
+        self.seed, self.spec = checks.seed(seed), task.robot
         self.path = self.routes.to_goal(task.start)
         self.path_cells = set(map(tuple, self.routes.cells(self.path).tolist()))
         self._take(self.path)
