@@ -154,7 +154,7 @@ class Guard:
 
     def reset(self, task: Task) -> None:
         """Prepare for `task`."""
-        self.bounds = np.array([task.obstacle_speed, task.obstacle_surge, math.inf, 0.0, 0.0, 0.0])
+        self.bounds = np.array([task.obstacle_speed, task.obstacle_surge, math.inf, 0.0, 0.0])
         self.table, self.count = np.zeros((_TRACKS, kernel.TABLE_COLUMNS)), 0
         self.tracks, self.spread = np.empty((_TRACKS, COLUMNS)), np.zeros(_TRACKS)
         self.seen = np.zeros(0, np.bool_)  # which tracks the last scan shows with a velocity
@@ -173,7 +173,6 @@ class Guard:
         self.dynamic = None if robot.stepwise else _Dynamic(task, self.grid, self.mode, self.dynamic)
         self.walls = walls_of(self.grid) if strict and robot.stepwise else None
         self.bounds[kernel.BOUND_CHANGE] = assumed_accel(task, self.mode)
-        self.bounds[kernel.STRICT] = float(strict or not robot.stepwise)
         self.rules = kernel.Rules(robot.limits, terrain_of(self.grid), robot.dt, self.lookahead, strict)
         # The kernel is loaded now, because to load it in the first cycle would delay that.
         entry(kernel.guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.rules)

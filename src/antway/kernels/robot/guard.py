@@ -26,9 +26,8 @@ _ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED, _FASTEST, _GROWTH, _ERROR = range
 TABLE_COLUMNS, TRACK_SPEED = 11, _SPEED
 
 # Entries of the bounds on obstacles: the speed in m/s; the growth of the speed and the change of the velocity vector in m/s^2;
-# a speed in m/s learnt from all obstacles, which any of them may have; and the time in s after which the robot stands. The last
-# one is not read.
-BOUND_SPEED, BOUND_GROWTH, BOUND_CHANGE, BOUND_KIND, STOPPING_TIME, STRICT = range(6)
+# a speed in m/s learnt from all obstacles, which any of them may have; and the time in s after which the robot stands.
+BOUND_SPEED, BOUND_GROWTH, BOUND_CHANGE, BOUND_KIND, STOPPING_TIME = range(5)
 
 
 class Rules(NamedTuple):
