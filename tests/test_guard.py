@@ -209,7 +209,7 @@ def test_tracks_that_count_are_those_of_its_slow_twin() -> None:
     """Seen tracks, and lost ones while they are held, come out with the radius that covers what they could have moved."""
     rng = np.random.default_rng(4)
     table, count, out, slow = np.zeros((64, TABLE_COLUMNS)), 0, np.empty((64, 8)), naive.Book()
-    bounds, told = np.array([BOUND, 0.5, 2.0, 0.0, 0.3, 1.0]), [BOUND, 0.5, 2.0, 0.0]
+    bounds, told = np.array([BOUND, 0.5, 2.0, 0.0, 0.3]), [BOUND, 0.5, 2.0, 0.0]
     for i in range(cases(200)):
         now, age = i * 0.1, 0.05 * float(rng.integers(3))
         name = np.flatnonzero(rng.random(8) < 0.6)
