@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -44,6 +45,11 @@ def test_discomfort():
     assert metrics.discomfort(trace) == pytest.approx(0.3)
     assert metrics.gaps(trace)[:, 0] == pytest.approx([0.45, 0.35, 0.25, 0.15, 0.15, 0.15])
     assert metrics.discomfort(trace_of([(1.0, 0.0)])) == 0.0
+    far = Obstacle(0.5, Line((1.0, 9.0), (1.0, 9.0), 0.0))
+    near = Obstacle(0.5, Line((6.15, 5.0), (6.15, 5.0), 0.0))  # 0.15 m away; what counts are the ends of steps
+    for discs in ((far, near), (near, far)):
+        assert metrics.discomfort(trace_of([(-1.0, 0.0)] * 3, discs, horizon=0.3)) == 0.0
+        assert metrics.discomfort(trace_of([], discs, horizon=0.3)) == pytest.approx(0.3)
 
 
 def test_jerk():
@@ -52,6 +58,12 @@ def test_jerk():
     trace = trace_of([(0.0, 0.0)] * 4 + [(1.0, 0.0)] * 6)
     v = trace.velocity[1:-1]
     assert metrics.jerk(trace) == pytest.approx(math.sqrt(2 / (len(v) - 2)) / 0.01)
+    for velocities, expected in (
+        ([(0.6, 0.8)] * 4 + [(1.0, 0.0)], 0.0),  # the last step does not count
+        ([(0.0, 0.0), (0.0, 0.0), (0.0, 0.5), (0.0, 0.0)], 50.0),  # m/s^3; nor does the first row, before any step
+        ([(0.0, 0.0), (0.5, 0.0), (0.0, 0.0)], 0.0),  # two whole steps have no second difference
+    ):
+        assert metrics.jerk(trace_of(velocities, horizon=len(velocities) / 10)) == pytest.approx(expected, abs=1e-9)
 
 
 def test_side_changes():
@@ -61,6 +73,30 @@ def test_side_changes():
     assert metrics.side_changes(trace_of([left] * 10, [disc])) == 0
     assert metrics.side_changes(trace_of([left] * 3 + [right] * 3 + [left] * 3, [disc])) == 2
     assert metrics.side_changes(trace_of([left] * 3 + [right] * 3, [])) == 0
+
+
+def passing(x: float, misses: list[float], speed: float, drift: tuple[float, float]) -> SimpleNamespace:
+    """Rows in which a robot would pass a resting obstacle x m ahead, in each step by another miss, m; all drifts, m/s."""
+    sine = np.array([0.0, *misses]) / abs(x)
+    velocity = speed * np.column_stack((np.sqrt(1.0 - sine**2), sine)) + drift
+    t = 0.1 * np.arange(len(sine))
+    xy = t[:, None] * drift
+    return SimpleNamespace(t=t, xy=xy, velocity=velocity, obstacle_xy=(xy + np.array((x, 0.0)))[:, None])
+
+
+@pytest.mark.parametrize(
+    ("x", "misses", "changes"),
+    [
+        *((2.99, [0.5, -0.5, 0.5], 2), (3.01, [0.5, -0.5, 0.5], 0), (-2.0, [0.5, -0.5, 0.5], 0)),
+        *((2.0, [0.5, -0.09, 0.5], 0), (2.0, [0.11, -0.11, 0.11], 2), (2.0, [-0.5, -0.5, 0.5, 0.5], 1)),
+        *((2.0, [0.5, 0.0, 0.0, 0.0, 0.0, -0.5], 1), (2.0, [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, -0.5], 0)),
+    ],
+)
+def test_sides_count_near_ahead_off_centre_and_within_half_a_second(x: float, misses: list[float], changes: int) -> None:
+    """Within 3 m, if it would pass by at least 0.1 m at whatever speed; the next one may come up to five steps later."""
+    for speed in (0.2, 1.0, 3.0):
+        for drift in ((0.0, 0.0), (0.7, -1.3)):
+            assert metrics.side_changes(passing(x, misses, speed, drift)) == changes
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def discomfort(trace: Trace) -> float:
 
 def jerk(trace: Trace) -> float:
     """Return the root mean square of the robot's jerk, m/s^3, by second differences of its velocity."""
-    whole = trace.velocity[1:-1] if len(trace) > 1 else trace.velocity[1:]  # the last step may be cut short
+    whole = trace.velocity[1:-1]  # the last step may be cut short
     if len(whole) < 3:
         return 0.0
     return float(np.sqrt((np.diff(whole, n=2, axis=0) ** 2).sum(axis=1).mean())) / trace.task.robot.dt**2
