@@ -142,7 +142,11 @@ class Weaves(Straight):
         return Decision("follow", "weaves", path=self.path)
 
 
-STEPS = [RobotSpec(), RobotSpec(drive="differential", a_max=2.0, dynamics="steps"), RobotSpec(a_max=3.0, dynamics="steps")]
+STEPS = [
+    RobotSpec(),
+    RobotSpec(drive="differential", a_max=2.0, turn_rate=2.0, dynamics="steps"),
+    RobotSpec(a_max=3.0, dynamics="steps"),
+]
 
 
 @pytest.mark.parametrize("robot", STEPS, ids=["at-once", "differential", "inertia"])
@@ -156,6 +160,9 @@ def test_steps_are_as_commanded(robot: RobotSpec) -> None:
     for change in ({"replans": result.replans + 1}, {"waits": result.waits - 1}):
         with pytest.raises(InvalidPlan, match=next(iter(change))):
             check_episode(replace(result, **change))
+    stands = Timeline.of([7], [0.1], [([0.0, 9.0], np.tile(trace.xy[30], (2, 1)))])
+    with pytest.raises(InvalidPlan, match="passes through obstacle 7 in step"):
+        check_episode(replace(trace, timeline=stands, sensed=np.zeros((len(trace.t), 1), dtype=bool)))
     moves = np.hypot(*trace.velocity.T)
     for row in range(1, len(trace.t)):
         for field, off, what in (
