@@ -6,17 +6,22 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from antway import EpisodeResult, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, World, check_episode, run
+from antway.planning import TimedPath
+from antway.verify_motion import wall_gaps
+from antway.verify_steps import step_gaps, wall_gap
 from antway.world.motions import Line
 from antway.world.policy import Command, Decision
 from antway.world.timeline import Timeline
 from antway.world.trace import Trace
 from antway.world.world import Obstacle
+from common import cases
 
 WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=2.0, alpha_max=3.0)
 
@@ -71,7 +76,16 @@ ALTERED: dict[str, Callable[[Trace], dict[str, Any]]] = {
     r"turn_rate is not finite in row 20": lambda t: bent(t, "turn_rate", math.nan),
     r"cycle_ms is not finite in row 20": lambda t: bent(t, "cycle_ms", math.nan),
     r"times do not increase": lambda t: bent(t, "t", -0.1),
+    r"times do not increase from 0": lambda t: {"t": t.t + 1e-3},
     r"control period apart": lambda t: bent(t, "t", 1e-3),
+    r"not the control period apart": lambda t: {"t": 0.999 * t.t},
+    r"steps are not the control period apart": lambda t: bent(t, "t", 1e-3, row=-1),
+    r"and 0\.1 rad/s": lambda t: bent(t, "turn_rate", 0.1, row=0),
+    r"does not begin with its heading": lambda t: bent(t, "heading", -0.1, row=0),
+    r"a cycle took less than 0 ms": lambda t: bent(t, "cycle_ms", -1e6),
+    r"a decision stands outside": lambda t: {"decisions": ((-1, t.decisions[0][1]),)},
+    r"\('0', Decision.* is not the number": lambda t: {"decisions": (("0", t.decisions[0][1]),)},
+    r"claims a contact with an obstacle that it does not touch": lambda t: {"outcome": Outcome.HIT_MOVING},
     r"a place is not where its command leads": jumps,
     r"is faster than v_max or v_reverse: 1 m/s at 1.* s": lambda t: other_robot(t, v_max=1.0 - 1e-5),
     r"not at the start": lambda t: {"task": replace(t.task, start=(0.5 + 1e-7, 0.5))},
@@ -112,6 +126,76 @@ def test_altered_episodes_are_refused(what: str, robot: RobotSpec) -> None:
         check_episode(replace(trace, **alter(trace)))
 
 
+class Weaves(Straight):
+    """Drives velocities at random, some beyond the limit, some not finite, and replans now and then."""
+
+    def reset(self, task, seed) -> None:
+        self.rng, self.path = np.random.default_rng(seed), None
+
+    def act(self, o) -> Command:
+        if self.rng.random() < 0.3:
+            self.path = TimedPath(np.arange(2.0), np.zeros((2, 2))) if self.rng.random() < 0.7 else None
+        vx, vy = self.rng.normal(0.0, 1.0, 2).tolist()
+        return Command((0.0, 0.0) if self.rng.random() < 0.1 else (vx, math.nan) if self.rng.random() < 0.1 else (vx, vy))
+
+    def explain(self) -> Decision:
+        return Decision("follow", "weaves", path=self.path)
+
+
+STEPS = [
+    RobotSpec(),
+    RobotSpec(drive="differential", a_max=2.0, turn_rate=2.0, dynamics="steps"),
+    RobotSpec(a_max=3.0, dynamics="steps"),
+]
+
+
+@pytest.mark.parametrize("robot", STEPS, ids=["at-once", "differential", "inertia"])
+def test_steps_are_as_commanded(robot: RobotSpec) -> None:
+    """Of robots that drive straight in each step: what is played passes, and what is off by three micrometres does not."""
+    hall = World(Grid(np.zeros((100, 160), dtype=bool), 0.25))
+    result = run(Scenario(hall, (20.0, 12.0), (30.0, 7.0), robot, horizon=6.0), Weaves(), seed=4)
+    trace = result.trace
+    check_episode(result)
+    assert result.replans > 3 and result.waits > 1
+    for change in ({"replans": result.replans + 1}, {"waits": result.waits - 1}):
+        with pytest.raises(InvalidPlan, match=next(iter(change))):
+            check_episode(replace(result, **change))
+    stands = Timeline.of([7], [0.1], [([0.0, 9.0], np.tile(trace.xy[30], (2, 1)))])
+    with pytest.raises(InvalidPlan, match="passes through obstacle 7 in step"):
+        check_episode(replace(trace, timeline=stands, sensed=np.zeros((len(trace.t), 1), dtype=bool)))
+    moves = np.hypot(*trace.velocity.T)
+    for row in range(1, len(trace.t)):
+        for field, off, what in (
+            ("velocity", (3e-6, 0.0), "a velocity is not"),
+            ("velocity", (0.0, -3e-6), "a velocity is not"),
+            ("heading", 3e-6 * (-1) ** row, "a heading is not"),
+            ("turn_rate", 3e-6, "states turn rates"),
+            ("xy", (-3e-6, 0.0), "a place is not"),
+            ("xy", (0.0, 3e-6), "a place is not"),
+        ):
+            if robot.drive == "differential" or field != "heading" or moves[row] > 0.0:
+                with pytest.raises(InvalidPlan, match=what):
+                    check_episode(replace(trace, **bent(trace, field, off, row)))
+
+
+@pytest.mark.parametrize("robot", [RobotSpec(), RobotSpec(a_max=1.0, latency=0.05)], ids=["steps", "ramps"])
+def test_a_goal_is_passed_within_its_tolerance_alone(robot: RobotSpec) -> None:
+    """Wherever within a step it is nearest; behind the start it is not."""
+    trace = drive(robot).trace
+    middle = trace.xy[20] + 0.3 * (trace.xy[21] - trace.xy[20])
+    for place, off, passed in (
+        *((middle, (0.0, off), abs(off) < 0.01) for off in (0.0099, -0.0099, 0.0101, -0.0101)),
+        *((trace.xy[0], (-0.0101, 0.0), False), (trace.xy[-1], (0.0101, 0.0), False)),
+    ):
+        goal = place + np.array(off)
+        faults = ""
+        try:
+            check_episode(replace(trace, task=replace(trace.task, goal=tuple(goal.tolist()), goal_tolerance=0.01)))
+        except InvalidPlan as error:  # also that the heading is not towards such a goal
+            faults = str(error)
+        assert ("goes on after it passed the goal" in faults) == passed, (goal, faults)
+
+
 def test_results_that_contradict_their_trace_are_refused() -> None:
     """In any of their figures, in words and in the times of cycles."""
     result = drive(WHEELS)
@@ -136,8 +220,8 @@ def test_a_contact_that_is_called_an_error_is_refused(rates: dict[str, float]) -
         def act(self, o) -> Command:
             return Command((0.0, 0.0))
 
-    comes = Obstacle(0.3, Line((6.03, 2.0), (1.0, 2.0), 1.0))
-    hall = World(Grid(np.zeros((40, 80), dtype=bool), 0.1), (comes,))
+    comes, stays = Obstacle(0.3, Line((6.03, 2.0), (1.0, 2.0), 1.0)), Obstacle(0.3, Line((7.0, 3.5), (7.0, 3.5), 0.0))
+    hall = World(Grid(np.zeros((40, 80), dtype=bool), 0.1), (comes, stays))
     trace = run(Scenario(hall, (2.0, 2.0), (7.0, 2.0), RobotSpec(**rates), horizon=20.0), Stands()).trace
     assert trace.outcome is Outcome.HIT_STANDING
     check_episode(trace)
@@ -183,3 +267,49 @@ def test_ramps_that_end_within_a_small_step_are_right(robot: RobotSpec, command:
 
     hall = World(Grid(np.zeros((40, 40), dtype=bool), 0.25))
     check_episode(run(Scenario(hall, (4.0, 4.0), (9.0, 9.0), robot, horizon=4.0), Turns()))
+
+
+def depth(grid: Grid, places: np.ndarray) -> float:
+    """The least distance of points [N, 2] to blocked cells and to what is off the map, m; the negative depth off the map."""
+    size, (rows, cols) = grid.resolution, grid.shape
+    x, y = (places - grid.origin[:2]).T
+    least = np.min([x, cols * size - x, y, rows * size - y])
+    for row, col in np.argwhere(grid.blocked):
+        aside = np.maximum(np.abs(x - (col + 0.5) * size) - size / 2.0, 0.0)
+        above = np.maximum(np.abs(y - (row + 0.5) * size) - size / 2.0, 0.0)
+        least = min(least, np.hypot(aside, above).min())
+    return float(least)
+
+
+def test_gaps_are_those_of_points_sampled_densely() -> None:
+    """Of a disc along a step, from blocked cells, the map's edges and an obstacle; and of discs and polygons in one pose."""
+    rng = np.random.default_rng(3)
+    for case in range(cases(150, 3000)):
+        size, origin = rng.uniform(0.2, 1.5), (*rng.uniform(-3.0, 3.0, 2).tolist(), 0.0)
+        grid = Grid(rng.random((5, 7)) < rng.choice([0.0, 0.1, 0.3]), size, origin)
+        radius, body = float(rng.uniform(0.1, 1.5) * size), None
+        if case % 3 == 0:
+            body = ((-0.7 * size, -0.2 * size), (0.5 * size, -0.3 * size), (0.4 * size, 0.4 * size))
+        robot = RobotSpec(radius=radius, footprint=body)
+        xy = origin[:2] + rng.uniform(0.3, 0.7, 2) * (7 * size, 5 * size) + rng.uniform(-1.0, 1.0, (2, 2)) * 3.0 * size
+        xy[1] = xy[0] if case % 10 == 0 else xy[1]
+        knots = xy.mean(axis=0) + rng.normal(0.0, 2.0 * size, (4, 2))
+        line = Timeline.of([0], [0.1], [([0.0, 0.3, 0.6, 1.5], knots)])
+        trace: Any = SimpleNamespace(xy=xy, t=np.array([0.2, 1.0]), timeline=line, task=SimpleNamespace(grid=grid, robot=robot))
+        along = np.linspace(0.0, 1.0, 2001)[:, None]
+        places = xy[0] + along * (xy[1] - xy[0])
+        expected = depth(grid, places) - robot.radius
+        assert min(wall_gap(trace, 0), size) == pytest.approx(min(expected, size), abs=1e-3 * size), case
+        t = 0.2 + 0.8 * along[:, 0]
+        there = np.column_stack([np.interp(t, [0.0, 0.3, 0.6, 1.5], knots[:, axis]) for axis in (0, 1)])
+        turns = np.column_stack((xy, rng.uniform(-4.0, 4.0, 2)))
+        for pose, gap in zip(turns, wall_gaps(trace, turns)):
+            c, s = math.cos(pose[2]), math.sin(pose[2])
+            corners = pose[:2] + np.array(body or [(0.0, 0.0)]) @ [(c, s), (-s, c)]
+            inside = np.concatenate([a + np.linspace(0.0, 1.0, 400)[:, None] * (b - a) for a in corners for b in corners])
+            true = depth(grid, inside) - (0.0 if body else radius)
+            assert gap <= true + 1e-9 and (gap > 0.0) == (true > 0.0), case  # between polygons it is a lower bound
+            assert body or min(gap, size) == pytest.approx(min(true, size)), case
+        assert step_gaps(trace)[0, 0] == pytest.approx(
+            np.hypot(*(there - places).T).min() - 0.1 - robot.radius, abs=5e-3 * size
+        ), case

@@ -128,3 +128,29 @@ def test_options_of_baselines_are_refused_before_they_overflow(policy: str, opti
 def test_messages_are_of_one_line() -> None:
     """Also where the value is an array, whose text has several."""
     assert "\n" not in str(errors.BadParameter("goal", np.zeros((3, 2)), "a cell"))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: checks.number("a", "x"), "a = 'x': must be a finite number"),
+        (lambda: checks.number("a", -1, low=0.0, unit="m"), "a = -1: must be a finite number >= 0 (m)"),
+        (lambda: checks.number("a", 0, low=0.0, open_low=True, infinite=True), "a = 0: must be a number > 0"),
+        (lambda: checks.number("a", 6, high=5.5), "a = 6: must be a finite number <= 5.5"),
+        (lambda: checks.number("a", 6, low=0.0, high=5.0, open_low=True), "a = 6: must be a finite number in (0, 5]"),
+        (lambda: checks.integer("a", 1.5), "a = 1.5: must be an integer"),
+        (lambda: checks.integer("a", 0, low=1), "a = 0: must be an integer >= 1"),
+        (lambda: checks.integer("a", 0, low=1, high=3), "a = 0: must be an integer in [1, 3]"),
+        (lambda: checks.integer("a", 2**63), f"a = {2**63}: must be an integer in [{-(2**63)}, {2**63 - 1}]"),
+        (lambda: checks.array("a", np.zeros((2, 2)), (None,)), "a.shape = (2, 2): must be N"),
+        (lambda: checks.array("a", np.zeros(2), (None, 2)), "a.shape = (2,): must be Nx2"),
+        (lambda: checks.point("a", (1.0, math.nan), where="here"), "here: a[1] = nan: must be a finite number"),
+        (lambda: checks.window("a", (0.0, "b")), "a = 'b': must be a number (s)"),
+        (lambda: checks.window("a", (-3.0, -2.0)), "a = (-3.0, -2.0): must be an earliest time"),
+    ],
+)
+def test_messages_say_what_is_allowed(call, message: str) -> None:
+    with pytest.raises(errors.BadParameter) as caught:
+        call()
+    assert str(caught.value).startswith(message)
+    assert checks.window("a", (-3.0, math.inf)) == (0.0, math.inf)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from antway import Grid, RobotSpec, Scenario, World, run
 from antway.arena import metrics
+from antway.errors import BadParameter
 from antway.world.motions import Line
 from antway.world.policy import Command, Decision
 from antway.world.robots import body_gap
@@ -44,6 +46,11 @@ def test_discomfort():
     assert metrics.discomfort(trace) == pytest.approx(0.3)
     assert metrics.gaps(trace)[:, 0] == pytest.approx([0.45, 0.35, 0.25, 0.15, 0.15, 0.15])
     assert metrics.discomfort(trace_of([(1.0, 0.0)])) == 0.0
+    far = Obstacle(0.5, Line((1.0, 9.0), (1.0, 9.0), 0.0))
+    near = Obstacle(0.5, Line((6.15, 5.0), (6.15, 5.0), 0.0))  # 0.15 m away; what counts are the ends of steps
+    for discs in ((far, near), (near, far)):
+        assert metrics.discomfort(trace_of([(-1.0, 0.0)] * 3, discs, horizon=0.3)) == 0.0
+        assert metrics.discomfort(trace_of([], discs, horizon=0.3)) == pytest.approx(0.3)
 
 
 def test_jerk():
@@ -52,6 +59,12 @@ def test_jerk():
     trace = trace_of([(0.0, 0.0)] * 4 + [(1.0, 0.0)] * 6)
     v = trace.velocity[1:-1]
     assert metrics.jerk(trace) == pytest.approx(math.sqrt(2 / (len(v) - 2)) / 0.01)
+    for velocities, expected in (
+        ([(0.6, 0.8)] * 4 + [(1.0, 0.0)], 0.0),  # the last step does not count
+        ([(0.0, 0.0), (0.0, 0.0), (0.0, 0.5), (0.0, 0.0)], 50.0),  # m/s^3; nor does the first row, before any step
+        ([(0.0, 0.0), (0.5, 0.0), (0.0, 0.0)], 0.0),  # two whole steps have no second difference
+    ):
+        assert metrics.jerk(trace_of(velocities, horizon=len(velocities) / 10)) == pytest.approx(expected, abs=1e-9)
 
 
 def test_side_changes():
@@ -61,6 +74,31 @@ def test_side_changes():
     assert metrics.side_changes(trace_of([left] * 10, [disc])) == 0
     assert metrics.side_changes(trace_of([left] * 3 + [right] * 3 + [left] * 3, [disc])) == 2
     assert metrics.side_changes(trace_of([left] * 3 + [right] * 3, [])) == 0
+
+
+def passing(x: float, misses: list[float], speed: float, drift: tuple[float, float], angle: float) -> SimpleNamespace:
+    """Rows in which a robot would pass a resting obstacle x m ahead, in each step by another miss, m; all drifts, turned."""
+    turn = np.array([(math.cos(angle), math.sin(angle)), (-math.sin(angle), math.cos(angle))])
+    sine = np.array([0.0, *misses]) / abs(x)
+    velocity = speed * np.column_stack((np.sqrt(1.0 - sine**2), sine)) @ turn + drift
+    t = 0.1 * np.arange(len(sine))
+    xy = t[:, None] * drift
+    return SimpleNamespace(t=t, xy=xy, velocity=velocity, obstacle_xy=(xy + x * turn[0])[:, None])
+
+
+@pytest.mark.parametrize(
+    ("x", "misses", "changes"),
+    [
+        *((2.99, [0.5, -0.5, 0.5], 2), (3.01, [0.5, -0.5, 0.5], 0), (-2.0, [0.5, -0.5, 0.5], 0)),
+        *((2.0, [0.5, -0.09, 0.5], 0), (2.0, [0.11, -0.11, 0.11], 2), (2.0, [-0.5, -0.5, 0.5, 0.5], 1)),
+        *((2.0, [0.5, 0.0, 0.0, 0.0, 0.0, -0.5], 1), (2.0, [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, -0.5], 0)),
+    ],
+)
+def test_sides_count_near_ahead_off_centre_and_within_half_a_second(x: float, misses: list[float], changes: int) -> None:
+    """Within 3 m, if it would pass by at least 0.1 m at whatever speed; the next one may come up to five steps later."""
+    for speed in (0.2, 1.0, 3.0):
+        for drift, angle in (((0.0, 0.0), 0.0), ((0.7, -1.3), 2.0)):
+            assert metrics.side_changes(passing(x, misses, speed, drift, angle)) == changes
 
 
 @pytest.mark.parametrize(
@@ -169,3 +207,37 @@ def test_intervals_of_few_values_hold():
     assert all(map(math.isnan, (*metrics.mean_interval([1.0]), *metrics.mean_interval([]))))
     many = rng.normal(size=400)
     assert metrics.mean_interval(many) == pytest.approx(metrics.bootstrap(many), abs=2e-3)
+
+
+def test_intervals_are_those_of_tables() -> None:
+    """Student's t with 2 degrees of freedom is 4.30265, with 11 it is 2.20099; 1.075 % of normal numbers are below -2.29884."""
+    spread = math.sqrt((16.0 + 1.0 + 25.0) / 9.0 / 2.0)  # of 1, 2, 4 around their mean
+    half = 4.30265 * spread / math.sqrt(3.0)
+    assert metrics.mean_interval([1.0, 2.0, 4.0]) == pytest.approx((7.0 / 3.0 - half, 7.0 / 3.0 + half), rel=1e-5)
+    twelve = np.random.default_rng(1).normal(size=12)
+    assert metrics.mean_interval(twelve) == pytest.approx(metrics.bootstrap(twelve, 0.0107572), abs=1e-4)
+    assert metrics.wilson(0, 0) == (0.0, 1.0)
+    for wrong in ({"total": -1, "count": 0}, {"total": 3, "count": 4}, {"total": 3, "count": -1}):
+        with pytest.raises(BadParameter):
+            metrics.wilson(**wrong)
+    for tail in (-0.1, 0.6):
+        with pytest.raises(BadParameter, match="tail"):
+            metrics.bootstrap([1.0], tail)
+
+
+@pytest.mark.parametrize("ratio", [metrics.time_ratio, metrics.path_ratio])
+def test_ratios(ratio) -> None:
+    """NaN where either number is; nothing is negative, and there are as many of one as of the other."""
+    assert ratio([3.0, math.nan, 1.0, 1.0], [2.0, 1.0, math.nan, 0.0]) == pytest.approx(
+        [1.5, math.nan, math.nan, math.inf], nan_ok=True
+    )
+    for above, below in (([1.0, -1.0], [1.0, 1.0]), ([1.0, 1.0], [1.0, -1.0]), ([1.0], [1.0, 1.0])):
+        with pytest.raises(BadParameter):
+            ratio(above, below)
+
+
+@pytest.mark.parametrize(("most", "order"), [(True, ["fair", "dull", "none"]), (False, ["dull", "fair", "none"])])
+def test_policies_of_one_rank_are_listed_by_their_means(most: bool, order: list[str]) -> None:
+    scores = {"none": np.full(9, math.nan), "dull": np.arange(9.0), "fair": np.arange(9.0) + 0.5}
+    table = metrics.ranks(scores, most=most)
+    assert [(name, rank) for name, _, rank in table] == [(name, 1) for name in order]

@@ -158,6 +158,7 @@ BROKEN = {
     "begins at 12 s, ends at": lambda r: spoilt(r, [v.stop for v in r.visits].index(1), start=12.0),
     "visits stop 99": lambda r: spoilt(r, stop=99),
     "is 2.9.* m away": lambda r: replace(r, stops=(replace(r.stops[0], at=(1.0, 5.0)), *r.stops[1:])),
+    "or visited before": lambda r: replace(r, turns=(*r.turns, Turn(r.visits[0].end + 0.1, (r.visits[0].stop,), ""))),
     "has stops twice": lambda r: replace(r, turns=(Turn(0.0, (0, 0, 1, 2), ""), *r.turns[1:])),
 }
 
@@ -168,6 +169,8 @@ def test_check_episode_names_what_is_wrong_with_rounds() -> None:
     for what, wrong in BROKEN.items():
         with pytest.raises(InvalidPlan, match=what):
             check_episode(replace(trace, rounds=wrong(trace.rounds)))
+    for horizon in (1.0, 8.0):  # before the first stop is visited the robot is at its goal, where it started, and goes on
+        check_episode(run(hall(stops=FOUR, horizon=horizon), "follow", seed=1))
 
 
 def test_a_door_that_closes_turns_the_order() -> None:

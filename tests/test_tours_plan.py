@@ -219,6 +219,7 @@ BROKEN: dict[str, Callable[[TourPlan], TourPlan]] = {
     r"is called feasible and is .* late": lambda t: late(t, lateness=t.duration / 2),
     r"is called infeasible and is never late": lambda t: replace(t, feasible=False),
     r"has a bound of 28.* cost contradict": lambda t: replace(t, bound=t.cost * 1.01),
+    r"has a bound of -1.0": lambda t: replace(t, bound=-1.0, gap=math.inf),
     r"has a bound of nan": lambda t: replace(t, bound=math.nan),
     r"has 1 routes for 2 robots": lambda t: replace(t, task=replace(t.task, robots=2)),
     r"leg 0 .* not at the start": lambda t: replace(t, task=replace(t.task, start=tuple(t.task.stops[0]))),
@@ -253,6 +254,7 @@ def test_several_robots_costs_and_moves_pass_the_check() -> None:
     for kwargs in (
         {"robots": 3, "objective": "makespan", "end": "start"},
         {"robots": 2},
+        {"speed": 0.5, "service": 2.0},
         {"costs": costs, "end": "start", "speed": 0.5},
         {"moves": Moves.SIXTEEN},
         {"robot_radius": 0.2, "end": points[8]},

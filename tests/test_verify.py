@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -166,18 +169,21 @@ def test_a_long_move_needs_every_touched_cell() -> None:
     sampled = {(int(r), int(c)) for r, c in np.floor(np.column_stack((2 * line, 3 * line)) + 0.5)} - {(0, 0), (2, 3)}
     assert sampled <= touched
     plan = Plan(Status.FOUND, np.array([[0, 0], [2, 3]], np.int32), math.hypot(2, 3))
-    for r in range(3):
-        for c in range(4):
-            if (r, c) in ((0, 0), (2, 3)):
-                continue
-            blocked = np.zeros((3, 4), dtype=bool)
-            blocked[r, c] = True
-            problem = Problem(Grid(blocked), (0, 0), (2, 3), Moves.THIRTY_TWO)
-            if (r, c) in touched:
-                with pytest.raises(InvalidPlan, match="touches"):
-                    check_plan(problem, plan)
-            else:
-                check_plan(problem, plan)
+    for up, back, r, c in itertools.product((False, True), (False, True), range(3), range(4)):
+        if (r, c) in ((0, 0), (2, 3)):
+            continue
+        blocked = np.zeros((3, 4), dtype=bool)
+        blocked[r, c] = True
+        ends = [(2 - i if up else i, 3 - j if back else j) for i, j in ((0, 0), (2, 3))]
+        turned = replace(plan, cells=np.array(ends, np.int32))
+        problem = Problem(
+            Grid(np.flip(blocked, [axis for axis, flip in enumerate((up, back)) if flip])), *ends, Moves.THIRTY_TWO
+        )
+        if (r, c) in touched:
+            with pytest.raises(InvalidPlan, match="touches"):
+                check_plan(problem, turned)
+        else:
+            check_plan(problem, turned)
 
 
 def test_says_every_violation() -> None:
@@ -201,6 +207,73 @@ def test_names_what_is_of_another_type() -> None:
         check_plan(problem, Plan(Status.FOUND, cells, 1.0, points=np.array([[0.0, 0.0], [8.6, 4.0], [4.0, 4.0]])))
 
 
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"status": Status.FOUND}, "FOUND without cells"),
+        ({"length": 1.0, "lower_bound": 1.0}, "must have infinite length"),
+        ({"points": np.zeros((1, 2))}, "no points"),
+        ({"optimal": True, "lower_bound": math.inf}, "not be optimal"),
+        ({"optimal": 1}, "optimal 1 is not of type bool"),
+        ({"expanded": True}, "expanded True is not of type int"),
+        ({"points": np.zeros((0, 2))}, "points are not a finite"),
+        ({"points": np.zeros((1, 3))}, "points are not a finite"),
+        ({"points": np.zeros((2, 2, 2))}, "points are not a finite"),
+        ({"cells": np.zeros((2, 2, 1), np.int32)}, "cells are not an"),
+    ],
+)
+def test_each_part_of_an_empty_plan_is_checked(changes: dict, what: str) -> None:
+    problem = Problem(Grid(np.zeros((9, 9), dtype=bool)), (0, 0), (4, 4))
+    nothing = Plan(Status.NO_PATH)
+    check_plan(problem, nothing)
+    with pytest.raises(InvalidPlan, match=what):
+        check_plan(problem, replace(nothing, **changes))
+
+
+def test_cells_are_met_in_their_order_and_points_are_on_the_map() -> None:
+    """Cells may not go back along a segment; the outer edges of the map belong to it."""
+    problem, row = Problem(Grid(np.zeros((1, 6), dtype=bool)), (0, 0), (0, 5)), [0, 1, 2, 3, 4, 5]
+    for columns, what in ((row, ""), ([0, 1, 2, 3, 2, 1, 2, 3, 4, 5], r"cell 5 \(0, 1\) is not met in its turn")):
+        cells = np.array([(0, c) for c in columns], np.int32)
+        plan = Plan(Status.FOUND, cells, 5.0, points=np.array([(0.0, 0.0), (0.0, 5.0)]))
+        with pytest.raises(InvalidPlan, match=what) if what else nullcontext():
+            check_plan(problem, plan)
+    for at, legal in (((-0.5, 2.0), True), ((0.5, 2.0), True), ((-0.51, 2.0), False), ((0.51, 2.0), False)):
+        points = np.array([(0.0, 0.0), at, (0.0, 5.0)])
+        for turned in (False, True):
+            task = replace(problem, grid=Grid(problem.grid.blocked.T), goal=(5, 0)) if turned else problem
+            length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+            plan = Plan(Status.FOUND, np.array([(0, c) for c in row], np.int32), length, points=points)
+            if turned:
+                plan = replace(plan, cells=plan.cells[:, ::-1].copy(), points=points[:, ::-1].copy())
+            with nullcontext() if legal else pytest.raises(InvalidPlan, match=r"point 1 .* off the map"):
+                check_plan(task, plan)
+
+
+def test_segments_that_enter_blocked_cells_are_refused() -> None:
+    """As points sampled along them do, in whatever direction; those that stay away from them by a little are not."""
+    rng, seen = np.random.default_rng(6), [0, 0]
+    for _ in range(cases(400, 8000)):
+        grid = Grid(rng.random((7, 9)) < 0.12)
+        free = free_cells(grid)
+        start, goal = (tuple(map(int, cell)) for cell in free[rng.integers(len(free), size=2)])
+        points = np.array([start, rng.uniform((0.0, 0.0), (6.0, 8.0)), goal])
+        along = np.linspace(0.0, 1.0, 1001)[:, None]
+        places = np.concatenate([a + along * (b - a) for a, b in pairwise(points)])
+        off = np.abs(places[:, None] - np.argwhere(grid.blocked)).max(axis=2).min(initial=9.0)
+        if abs(off - 0.5) < 0.02:
+            continue
+        seen[int(off < 0.5)] += 1
+        plan = Plan(Status.FOUND, np.array([start, goal], np.int32), 1.0, points=points)
+        try:
+            check_plan(Problem(grid, start, goal), plan)
+            faults = ""
+        except InvalidPlan as error:  # also for its length and its cells
+            faults = str(error)
+        assert ("blocked or off the map" in faults) == (off < 0.5)
+    assert min(seen) > 50
+
+
 def test_start_is_goal() -> None:
     """A path of one cell and no length is legal where the ends coincide."""
     problem = Problem(Grid(np.zeros((1, 1), dtype=bool)), (0, 0), (0, 0))
@@ -209,10 +282,14 @@ def test_start_is_goal() -> None:
 
 @pytest.mark.parametrize(
     ("moves", "step"),
-    [(Moves.SIXTEEN, (2, 0)), (Moves.SIXTEEN, (2, 2)), (Moves.THIRTY_TWO, (3, 3)), (Moves.THIRTY_TWO, (0, 2))],
+    [
+        *((Moves.SIXTEEN, (2, 0)), (Moves.SIXTEEN, (2, 2)), (Moves.THIRTY_TWO, (3, 3)), (Moves.THIRTY_TWO, (0, 2))),
+        *((moves, (1, 2)) for moves in (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT)),
+        *((Moves.SIXTEEN, (3, 2)), (Moves.THIRTY_TWO, (1, 4)), (Moves.FOUR, (1, 1)), (Moves.EIGHT, (0, 2))),
+    ],
 )
-def test_two_moves_at_once_are_no_move(moves: Moves, step: Cell) -> None:
-    """Where moves are long, those that are several of another one are none of theirs."""
+def test_longer_moves_are_no_move(moves: Moves, step: Cell) -> None:
+    """Neither those that are several of another one, nor those of rules with more moves, though all they touch is free."""
     problem = Problem(Grid(np.zeros((5, 5), bool)), (0, 0), step, moves)
     with pytest.raises(InvalidPlan, match="no such move"):
         check_plan(problem, Plan(Status.FOUND, np.array([(0, 0), step], np.int32), math.hypot(*step)))

@@ -130,8 +130,6 @@ def _pairs(value: object, kind: type[np.generic]) -> bool:
 
 def _number_faults(plan: Plan) -> list[str]:
     faults = []
-    if not plan.length >= 0:
-        faults.append(f"length {plan.length!r} is not a length")
     if not 0 <= plan.lower_bound <= plan.length * (1 + 1e-9):
         faults.append(f"lower bound {plan.lower_bound!r} is above the length {plan.length!r} or no length")
     if plan.optimal and not math.isclose(plan.lower_bound, plan.length, rel_tol=1e-9, abs_tol=1e-12):
@@ -150,8 +148,6 @@ def _move_fault(grid: Grid, moves: Moves, a: Cell, b: Cell) -> str:
     """Return why the step from `a` to `b` is not legal under `moves`; empty if it is legal."""
     dr, dc = b[0] - a[0], b[1] - a[1]
     farthest = max(abs(dr), abs(dc))
-    if farthest == 0:
-        return "stays in place"
     if farthest > _FARTHEST.get(moves, 1) or (moves is Moves.FOUR and dr and dc) or math.gcd(dr, dc) != 1:
         return "is no such move"
     if farthest == 1:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from antway.errors import BadParameter, InvalidPlan
 from antway.verify import number_faults
 from antway.verify_motion import REST, Again, array_faults, dynamic_faults, last_gaps
-from antway.verify_steps import step_faults, step_gaps, wall_gap
+from antway.verify_steps import step_faults, step_gaps
 
 if TYPE_CHECKING:
     from antway.world.episode import EpisodeResult
@@ -139,8 +139,6 @@ def _end_faults(again: Again) -> Iterator[str]:
     elif (_passes_goal(again) & homeward[:-1])[: len(trace) - (outcome == "reached")].any():
         yield "goes on after it passed the goal"
     gaps, wall = last_gaps(trace)
-    if task.robot.stepwise and len(trace) > 0:
-        wall = wall_gap(trace, len(trace) - 1)
     moving = math.hypot(*trace.velocity[-1].tolist()) > REST
     moving |= task.robot.footprint is not None and abs(float(trace.turn_rate[-1])) > REST
     if outcome in ("hit-moving", "hit-standing"):

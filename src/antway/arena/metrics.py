@@ -42,7 +42,7 @@ def discomfort(trace: Trace) -> float:
 
 def jerk(trace: Trace) -> float:
     """Return the root mean square of the robot's jerk, m/s^3, by second differences of its velocity."""
-    whole = trace.velocity[1:-1] if len(trace) > 1 else trace.velocity[1:]  # the last step may be cut short
+    whole = trace.velocity[1:-1]  # the last step may be cut short
     if len(whole) < 3:
         return 0.0
     return float(np.sqrt((np.diff(whole, n=2, axis=0) ** 2).sum(axis=1).mean())) / trace.task.robot.dt**2
@@ -188,10 +188,10 @@ def ranks(scores: Scores, *, most: bool = True) -> list[tuple[str, float, int]]:
     table, common = [], scored_by_all(scores)
     for name, mine in scores.items():
         better = 0
-        for other, theirs in scores.items():
+        for theirs in scores.values():
             both = np.isfinite(mine) & np.isfinite(theirs)
             mean, _, real = real_difference(theirs[both], mine[both])
-            better += other != name and real and sign * mean > 0.0
+            better += real and sign * mean > 0.0
         table.append((name, float(mine[common].mean()) if common.any() else math.nan, 1 + better))
     never = {name for name, mine in scores.items() if not np.isfinite(mine).any()}
     return sorted(table, key=lambda row: (row[0] in never, row[2], -sign * row[1] if common.any() else 0.0, row[0]))
