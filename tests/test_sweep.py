@@ -39,11 +39,11 @@ SHAPES = {
 
 def some_segment(rng: np.random.Generator, h: float) -> Segment:
     """An arc, a straight line of wheels or one of a robot without wheels."""
-    x, y, theta = rng.uniform(-1.0, 1.0, 2).tolist() + [rng.uniform(-4.0, 4.0)]
+    x, y, theta = rng.uniform((-1.0, -1.0, -4.0), (1.0, 1.0, 4.0)).tolist()
     if rng.random() < 0.3:
         return straight(x, y, theta, *rng.uniform(-2.0, 2.0, 4).tolist())
-    v, a, w, b = rng.uniform((-1.0, -2.0, -3.0, -6.0), (2.0, 2.0, 3.0, 6.0)).tolist()
-    return rolling(x, y, theta, v, a, *((w, b) if rng.random() < 0.8 else (0.0, 0.0)), h)
+    rates = rng.uniform((-1.0, -2.0, -3.0, -6.0), (2.0, 2.0, 3.0, 6.0)) * (rng.random(4) < 0.7)
+    return rolling(x, y, theta, *rates.tolist(), h)
 
 
 def body_of(shape: str, rng: np.random.Generator) -> Body:
@@ -137,8 +137,7 @@ def test_walls_and_edges_are_met_where_dense_samples_meet_them(shape: str) -> No
         blocked, size = rng.random((20, 24)) < 0.04, float(rng.choice([0.1, 0.25]))
         walls, body, h = walls_of(Grid(blocked, size, (-1.0, 0.5, 0.0))), body_of(shape, rng), float(rng.choice([0.05, 1.2]))
         m = some_segment(rng, h)
-        x, y = (rng.uniform(0.5, (24 * size - 0.5, 20 * size - 0.5)) + (-1.0, 0.5)).tolist()
-        m = m._replace(x=x, y=y)
+        m = m._replace(x=rng.uniform(-0.5, 24 * size - 1.5), y=rng.uniform(1.0, 20 * size))
         first = meets_wall(m, h, body, walls)
         times = np.linspace(0.0, min(first, h), 401)
         gaps = naive.wall_gap(places(m, body.corners, times) - (-1.0, 0.5), blocked, size, 0.3) - body.rounding
