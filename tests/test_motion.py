@@ -258,7 +258,7 @@ def test_a_wall_is_met_where_the_first_of_its_cells_would_be_met_alone() -> None
             blocked[tuple(cell)] = walls.blocked[tuple(cell)]
             alone.append(meets_wall(m, 0.3, body, walls._replace(blocked=blocked)))
         assert meets_wall(m, 0.3, body, walls) == min(alone)
-        told[(min(alone) > 0.0) + (min(alone) == math.inf)] += 1
+        told[int(min(alone) > 0.0) + int(min(alone) == math.inf)] += 1
     assert min(told) > 10
 
 

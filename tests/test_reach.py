@@ -7,8 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from antway import Grid
+from antway import Grid, RobotSpec
+from antway.kernels.base.records import RobotState
+from antway.kernels.robot.brake import Robot
+from antway.kernels.robot.guard import STEPPED_ASIDE, time_to_contact
+from antway.kernels.robot.passing import passed_command
 from antway.kernels.robot.reach import reach_gap_along, split_at_walls
+from antway.kernels.robot.sweep import Body
 from antway.world.terrain import walls_of
 from common import cases
 from naive import reach as naive
@@ -44,6 +49,14 @@ def test_along_a_motion_it_bounds_every_instant_and_is_nearly_met():
             near = naive.least(one, px, py, wx, wy, start, start + span)
             slack = one[6] * span * span / 8 if math.isfinite(one[6]) else 0.0
             assert reach_gap_along(one, px, py, wx, wy, start, start + span) >= near - slack - 0.01
+
+
+def test_a_point_may_be_exactly_as_fast_as_the_disc_grows():
+    """It then is nearest at the end, whether it goes towards the obstacle, away from it or past it."""
+    row = np.array([0.0, 0.0, 0.0, 0.0, 0.3, 1.25, math.inf, 0.1])
+    for wx, wy in ((-1.25, 0.0), (1.25, 0.0), (-0.75, 1.0)):
+        gap = reach_gap_along(row, 3.0, 0.0, wx, wy, 0.0, 0.4)
+        assert gap == pytest.approx(naive.least(row, 3.0, 0.0, wx, wy, 0.0, 0.4), abs=1e-12)
 
 
 def test_whoever_keeps_to_the_bounds_is_never_nearer_than_the_gap():
@@ -88,3 +101,21 @@ def test_two_rows_hold_whoever_may_turn_at_a_wall():
                     assert min(naive.gap(row, *place, t - age) for row in rows) <= 1e-9 - radius
     far = np.tile([2.0, 1.6, 0.5, 0.5, 0.3, 1.0, 0.5, 0.0], (2, 1))
     assert split_at_walls(far, 1, walls, 1.0) == 1
+    anywhere = np.tile([3.6, 1.6, 0.5, 0.5, 0.3, 1.0, math.inf, 0.0], (2, 1))  # one row holds all that its speed allows
+    assert split_at_walls(anywhere, 1, walls, 1.0) == 1
+
+
+@pytest.mark.parametrize("wall", [False, True])
+def test_where_an_obstacle_may_turn_at_a_wall_nobody_is_predicted_to_stand(wall: bool) -> None:
+    """A robot near a wall steps aside for whoever comes: it once took itself to be touched there, wherever it went."""
+    blocked = np.zeros((60, 80), bool)
+    blocked[:, 55:57] = wall
+    walls = walls_of(Grid(blocked, 0.1))
+    spec = RobotSpec(radius=0.3, a_max=1.0, drive="differential", turn_rate=2.0, alpha_max=4.0)
+    body = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2)))
+    robot = Robot(spec.limits, body, walls, 0.1, 0.02, False, np.empty((8, 8)), np.array([0.0, 0.0, 0.0, -1.0]))
+    rows = np.tile([2.4, 3.0, 1.0, 0.0, 0.3, 1.2, 2.2, 0.0], (2, 1))
+    rows = rows[: split_at_walls(rows, 1, walls, 1.3)]
+    assert len(rows) == 1 + wall and time_to_contact(4.0, 3.0, rows, 0.3) == pytest.approx(1.0)
+    one, _, did = passed_command(RobotState(4.0, 3.0, math.pi / 2, 0.0, 0.0), 0.0, 0.0, rows, robot, 3.0)
+    assert did == STEPPED_ASIDE and one > 0.0

@@ -60,7 +60,7 @@ def split_at_walls(tracks: Floats, count: int, walls: Walls, time: float) -> int
 
     A wall may reflect an obstacle. Until it could first touch one, the obstacle is within accel t^2 / 2 of its uniform motion,
     which is looked at in steps of 0.05 s; after that it can go anywhere with its speed. Its two rows together cover all these
-    places.
+    places. The velocity in the second row is NaN, so that nobody is predicted to stand there.
     """
     n = count
     for k in range(count):
@@ -74,7 +74,7 @@ def split_at_walls(tracks: Floats, count: int, walls: Walls, time: float) -> int
             x, y = tracks[k, X] + tracks[k, VX] * t, tracks[k, Y] + tracks[k, VY] * t
             off = 0.5 * accel * end * end + drift
             if free_distance(walls, x, y) < tracks[k, RADIUS] + off:
-                tracks[n, X], tracks[n, Y], tracks[n, VX], tracks[n, VY] = x, y, 0.0, 0.0
+                tracks[n, X], tracks[n, Y], tracks[n, VX], tracks[n, VY] = x, y, math.nan, math.nan
                 tracks[n, RADIUS], tracks[n, SPEED] = tracks[k, RADIUS] + off, tracks[k, SPEED]
                 tracks[n, ACCEL], tracks[n, AGE] = math.inf, tracks[k, AGE] - start
                 n += 1
