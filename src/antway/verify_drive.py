@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid
-from antway.verify_motion import array_faults, braking, exceeds, gap_from_square
+from antway.verify_motion import REST, array_faults, braking, exceeds, gap_from_square
 
 if TYPE_CHECKING:
     from antway.trajectory.motion import Motion
@@ -84,6 +84,7 @@ def _speeds(robot: RobotSpec, motion: Motion) -> Floats:
 def _limit_faults(robot: RobotSpec, motion: Motion) -> Iterator[str]:
     dt, wheels = np.diff(motion.t), robot.drive != "holonomic"
     speed, rate = _speeds(robot, motion), motion.turn_rate
+    speed = np.where(np.abs(speed) <= REST, 0.0, speed)  # a speed of 0 that is rounded is no reversal
     ends = np.abs(speed[[0, -1]]).max() + np.abs(rate[[0, -1]]).max()
     if ends > _NEAR:
         yield "does not stand at both ends"
