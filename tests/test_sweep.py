@@ -129,6 +129,8 @@ def test_a_disc_is_met_and_passed_where_dense_samples_are(shape: str) -> None:
         assert -3e-6 < best - gaps.min() < 1e-9
         assert nearest_disc(m, end, body, disc, best + 0.01) == pytest.approx(best, abs=1e-9)
         assert nearest_disc(m, end, body, disc, best - 0.01) == best - 0.01
+        soon = min(times[gaps.argmin()] + 1e-3, end)  # the segment ends just after the body has come nearest
+        assert nearest_disc(m, soon, body, disc, math.inf) == pytest.approx(best, abs=1e-9)
     assert min(told) > 0
 
 
