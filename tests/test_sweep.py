@@ -41,7 +41,7 @@ def some_segment(rng: np.random.Generator, h: float) -> Segment:
     """An arc, a straight line of wheels or one of a robot without wheels."""
     x, y, theta = rng.uniform((-1.0, -1.0, -4.0), (1.0, 1.0, 4.0)).tolist()
     if rng.random() < 0.3:
-        return straight(x, y, theta, *rng.uniform(-2.0, 2.0, 4).tolist())
+        return straight(x, y, theta, *(rng.uniform(-2.0, 2.0, 4) * (rng.random(4) < 0.7)).tolist())
     rates = rng.uniform((-1.0, -2.0, -3.0, -6.0), (2.0, 2.0, 3.0, 6.0)) * (rng.random(4) < 0.7)
     return rolling(x, y, theta, *rates.tolist(), h)
 
@@ -87,7 +87,7 @@ def test_a_gap_stays_open_for_as_long_as_told(shape: str) -> None:
         nx, ny, (rate, growth) = math.cos(angle), math.sin(angle), rng.uniform((-1.0, 0.0), (1.0, 2.0)).tolist()
         times = np.linspace(0.0, h, 201)
         ahead = places(m, corners, times) @ (nx, ny)
-        level = float(ahead[0].min() - rng.uniform(-0.05, 0.3))
+        level = float(ahead[0].min() - rng.uniform(-0.15, 0.3))
         gap, opening, time = axis_gap(m, pose(m, 0.0), corners, nx, ny, level, rate, growth)
         gaps = ahead.min(axis=1) - level - rate * times - 0.5 * growth * times**2
         assert gap == pytest.approx(gaps[0], abs=1e-12)
@@ -95,11 +95,14 @@ def test_a_gap_stays_open_for_as_long_as_told(shape: str) -> None:
         nearest = soon[0].argmin()
         assert opening == pytest.approx((soon[1] - soon[0])[nearest] / 1e-6 - rate, abs=1e-4)
         assert gaps[times < time].min() > min(gap, 0.0) - 1e-9
+        closes = (soon[1] - soon[0]) / 1e-6 - rate < 0.1
+        if gap < 0.0 and (soon[0] - soon[0].min() > 0.02)[closes].all():  # only what is less deep gets deeper
+            assert time > 1e-3
         if gap > 0.0 and not m.curved and time < h:
             later = (places(m, corners, np.array([time])) @ (nx, ny)).min() - level - rate * time - 0.5 * growth * time**2
             assert later == pytest.approx(0.0, abs=1e-9)
             met += 1
-    assert met > 5
+    assert met > 2
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -126,15 +129,17 @@ def test_a_disc_is_met_and_passed_where_dense_samples_are(shape: str) -> None:
         assert -3e-6 < best - gaps.min() < 1e-9
         assert nearest_disc(m, end, body, disc, best + 0.01) == pytest.approx(best, abs=1e-9)
         assert nearest_disc(m, end, body, disc, best - 0.01) == best - 0.01
-    assert min(told) > 1
+        soon = min(times[gaps.argmin()] + 1e-3, end)  # the segment ends just after the body has come nearest
+        assert nearest_disc(m, soon, body, disc, math.inf) == pytest.approx(best, abs=1e-9)
+    assert min(told) > 0
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_walls_and_edges_are_met_where_dense_samples_meet_them(shape: str) -> None:
     """On the whole of a long segment, by rounded bodies too, whatever the place of the map."""
     rng, told = np.random.default_rng(4), [0, 0]
-    for _ in range(cases(25, 2500)):
-        blocked, size = rng.random((20, 24)) < 0.04, float(rng.choice([0.1, 0.25]))
+    for _ in range(cases(40, 4000)):
+        blocked, size = rng.random((20, 24)) < 0.02, float(rng.choice([0.1, 0.25]))
         walls, body, h = walls_of(Grid(blocked, size, (-1.0, 0.5, 0.0))), body_of(shape, rng), float(rng.choice([0.05, 1.2]))
         m = some_segment(rng, h)
         m = m._replace(x=rng.uniform(-0.5, 24 * size - 1.5), y=rng.uniform(1.0, 20 * size))
@@ -147,4 +152,4 @@ def test_walls_and_edges_are_met_where_dense_samples_meet_them(shape: str) -> No
         assert gaps.min() > -1e-6
         if first < math.inf:
             assert gaps[-1] == pytest.approx(-TOUCH, abs=2e-8)
-    assert min(told) > 1
+    assert min(told) > 0

@@ -270,7 +270,7 @@ def nearest_disc(m: Segment, h: float, body: Body, disc: Disc, best: float) -> f
     apart = max(h / math.ceil(max(h / 0.004, 1.0)), _LEAST)
     s, last, before, last_gap, gap_before = 0.0, 0.0, 0.0, math.inf, math.inf
     while True:
-        s = min(s, h)
+        s = s if s < h - _LEAST else h  # no last step is as short as a rounding error, or it alone would be refined
         at = pose(m, s)
         px, py = disc.x + disc.vx * s, disc.y + disc.vy * s
         nx, ny = disc_axis(at, corners, px, py)
