@@ -12,7 +12,7 @@ import pytest
 
 from antway.ants.front import OBJECTIVES, Front, alternatives, pareto
 from antway.ants.grid_walk import Ants
-from antway.errors import BadInput
+from antway.errors import BadInput, TooLarge
 from antway.grid import Grid, Moves
 from antway.kernels.colony import grid_walk as kernel
 from antway.planning import Budget, Problem, Status
@@ -254,6 +254,14 @@ def test_wrong_options_of_a_front_are_refused(options):
     """Each raises a BadInput."""
     with pytest.raises(BadInput):
         pareto(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2)), **options)
+
+
+def test_a_front_that_needs_too_much_memory_is_refused() -> None:
+    """The costs of 54 weightings take 3.5 kB a cell."""
+    free = Grid(np.zeros((1, 1_300_000), bool))
+    problem = Problem(free, (0, 0), (0, 9), moves=Moves.EIGHT_NOSQUEEZE)
+    with pytest.raises(TooLarge, match="at most 1242756 cells"):
+        pareto(problem, objectives=OBJECTIVES, exposure=np.zeros(free.shape))
 
 
 @pytest.mark.parametrize("options", [{"k": 0}, {"overlap": 1.1}, {"apart": -1}, {"path_ratio": 0.9}, {"overlap": math.nan}])

@@ -431,6 +431,9 @@ def test_a_server_that_is_gone_is_said(browser: Any) -> None:
         page, _ = opened(browser, own, (own, "data:"), **DESKTOP)
     expect(page, "#notice").to_contain_text("open the address that it prints")  # a new server has another token
     assert page.locator("button:enabled:visible").count() == 1, "the theme's alone"
+    page.keyboard.press("Escape")
+    page.keyboard.press("t")  # is done after it
+    expect(page, "#notice").to_be_visible()
     page.context.close()
 
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
 from antway.ants.grid_walk import NO_PATH, PART, AntGraph, Ants, plan_of
-from antway.errors import BadParameter
+from antway.errors import BadParameter, TooLarge
 from antway.grid import Moves
 from antway.kernels.colony import grid_walk as kernel
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
@@ -30,6 +30,8 @@ PURE = 100.0  # cells; with such a weight of another objective, length only brea
 WEIGHTS = {0: 1, 1: 12, 2: 5, 3: 3}  # number of weights for each objective besides length, by the number of these
 SPREAD = 16.0  # weights go from 1 / SPREAD to SPREAD times the exchange rate between the ends of the front
 _MOST_RISK = 1e100  # per m; integrals of it are finite
+_MOST_BYTES = 1 << 32  # limit of memory for the costs of all weightings: 64 bytes a cell and weighting
+_CUTTING = (Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT)  # moves that may cut corners
 _SAME = 1e-9
 
 
@@ -86,6 +88,12 @@ def pareto(
     threads : int
         The answer is the same for any number.
 
+    Raises
+    ------
+    BadParameter, TooLarge
+        If an argument is not as above, or if all weightings need more than 4 GiB: from 1.2 million cells on for four
+        objectives, and not at all for two.
+
     Examples
     --------
     >>> from antway import Grid
@@ -104,6 +112,10 @@ def pareto(
         risk = checks.array("exposure", exposure, grid.shape)
         checks.number("exposure", float(risk.min()), low=0.0)
         checks.number("exposure", float(risk.max()), high=_MOST_RISK)
+    extra = len(set(names) - {"length"})
+    weightings = WEIGHTS[extra] ** extra * (1 + ("clearance" in names and problem.moves in _CUTTING))
+    if 64 * weightings * grid.blocked.size > _MOST_BYTES:
+        raise TooLarge("grid.shape", grid.shape, f"at most {_MOST_BYTES // (64 * weightings)} cells for these objectives")
     colony = _WeightedColony(problem, seed, ants, threads, clock)
     graph, archive = colony.graph, _Archive([OBJECTIVES.index(name) for name in names])
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
@@ -250,7 +262,7 @@ class _WeightedColony:
     def around(self) -> kernel.GridGraph | None:
         """The graph without the moves that cut corners; None if there are no such moves."""
         problem = self.graph.problem
-        if problem.moves not in (Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT):
+        if problem.moves not in _CUTTING:
             return None
         return AntGraph(replace(problem, moves=Moves.EIGHT)).for_kernels
 

@@ -296,7 +296,7 @@ function listen() {
     if (event.ctrlKey || event.metaKey) return key === "z" && (() => byId(event.shiftKey ? "redo" : "undo").click());
     const keys = {
       " ": onButton ? null : actions.play, arrowright: () => byId("step").disabled || actions.step(), arrowleft: () => byId("back").disabled || actions.back(), a: () => byId("ants").disabled || actions.ants(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),
-      enter: onButton || !editor.gesture ? null : actions.done, "?": actions.help, f: actions.fit, t: changeTheme, c: actions.compare, escape: () => (closeMenu(), editor.drop(), notice("")),
+      enter: onButton || !editor.gesture ? null : actions.done, "?": actions.help, f: actions.fit, t: changeTheme, c: actions.compare, escape: () => (closeMenu(), editor.drop(), document.body.dataset.lost || notice("")),
     };
     return keys[key] ?? (tools[key] ? () => setTool(tools[key]) : /^\d$/.test(key) && toggle(Number(key)));
   });

@@ -263,7 +263,7 @@ function listen() {
     const idle = byId("play").disabled;
     const keys = {
       " ": onButton ? null : () => idle || actions.play(), arrowright: () => idle || actions.step(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),
-      t: changeTheme, escape: () => (closeMenu(), notice("")),
+      t: changeTheme, escape: () => (closeMenu(), document.body.dataset.lost || notice("")),
     };
     return keys[key] ?? (/^\d$/.test(key) && toggle(Number(key)));
   });
