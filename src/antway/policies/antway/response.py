@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -77,7 +76,7 @@ class Response:
             self._take_pending(o)
             return False
         self._take_pending(o)
-        if was_carried(before[X : Y + 1], o.xy, self.declared):
+        if math.dist(o.xy, before[X : Y + 1]) > _CARRIED + self.declared.v_max * self.declared.dt:
             self.odometry.pause()
             self.place[:], self.spread = 0.0, 0.0  # the new place is as certain as the first one
             return False
@@ -226,8 +225,3 @@ class Response:
 def tops(robot: RobotSpec) -> tuple[float, float, float]:
     """Return the top speed, that in reverse (m/s) and the top turn rate (rad/s)."""
     return robot.v_max, robot.v_reverse, robot.turn_rate
-
-
-def was_carried(before: Iterable[float], now: Iterable[float], robot: RobotSpec) -> bool:
-    """Tell whether a robot was carried or found anew: it was at `before` m one control period ago, and is at `now` m."""
-    return math.dist(now, before) > _CARRIED + robot.v_max * robot.dt
