@@ -339,7 +339,6 @@ def entropy(tau: Floats) -> float:
     return math.log(mass) - logs / mass
 
 
-@kernel
 def no_costs(graph: GridGraph) -> CostsToGo:
     """Return the costs to go before the first call of `costs_to_go`."""
     size = graph.legal.size
