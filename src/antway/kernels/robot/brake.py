@@ -62,9 +62,10 @@ def _stays_clear(m: Segment, t: float, h: float, body: Body, row: Floats) -> boo
     """Tell whether the body, on a segment that begins t s from now, stays out of every place where one obstacle can be.
 
     The obstacle is in a disc around its last place that grows with its speed, and also in a disc that moves with its last
-    velocity and grows with its acceleration. So it is enough if the body is outside one of them at each time.
+    velocity and grows with its acceleration. So it is enough if the body is outside one of them at each time. A row of negative
+    age is of places that the obstacle cannot reach before that time.
     """
-    s = 0.0
+    s = max(0.0, -row[AGE] - t)
     while s <= h:
         at = pose(m, s)
         later = t + s + row[AGE]
