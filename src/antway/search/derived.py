@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid, Moves
-from antway.kernels.search.best_first import Graph, legal_moves
+from antway.kernels.search.best_first import Graph
 from antway.kernels.search.canonical import NEED, Lattice, successor_table, surroundings
 from antway.kernels.search.jps import mirror, turn
 
@@ -47,14 +47,19 @@ def graph(grid: Grid, moves: Moves) -> Graph:
 
 def _graph(grid: Grid, moves: Moves) -> Graph:
     margin = int(np.abs(moves.offsets).max())
-    free = np.pad(~grid.blocked, margin).astype(np.uint8)
-    width = free.shape[1]
-    touched = [[r * width + c for r, c in cells] for cells in moves.touched]
-    offsets = (moves.offsets[:, 0].astype(np.int64) * width + moves.offsets[:, 1]).astype(np.int64)
-    first = np.cumsum([0, *map(len, touched)], dtype=np.int64)
-    need = np.array([min(len(cells), NEED.get(moves.value, len(cells))) for cells in touched], dtype=np.int64)
-    legal = legal_moves(free.ravel(), offsets, np.array([t for cells in touched for t in cells], dtype=np.int64), first, need)
-    return Graph(legal, offsets, moves.lengths, width, margin)
+    free, (rows, cols) = np.pad(~grid.blocked, margin).view(np.uint8), grid.shape
+    legal, width = np.zeros(free.shape, np.uint32), free.shape[1]
+
+    def beside(row: int, col: int) -> NDArray[np.uint8]:
+        """Tell for each cell whether the one at this offset from it is free."""
+        return free[margin + row : margin + row + rows, margin + col : margin + col + cols]
+
+    for k, (to, touched) in enumerate(zip(moves.offsets.tolist(), moves.touched)):
+        need = min(len(touched), NEED.get(moves.value, len(touched)))
+        possible = beside(0, 0) & beside(*to) & (sum(beside(*cell) for cell in touched) >= need)
+        legal[margin : margin + rows, margin : margin + cols] |= possible.astype(np.uint32) << np.uint32(k)
+    offsets = moves.offsets.astype(np.int64) @ np.array([width, 1])
+    return Graph(legal.ravel(), offsets, moves.lengths, width, margin)
 
 
 def lattice(grid: Grid, moves: Moves) -> Lattice:

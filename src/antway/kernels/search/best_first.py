@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.heap import pop_item, put_item
-from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.jit import bare_kernel
 
 RUNNING, FOUND, EXHAUSTED = 0, 1, 2
 
@@ -46,27 +46,6 @@ class Memory(NamedTuple):
     heap: NDArray[np.int32]  # [cells] the open cells
     place: NDArray[np.int32]  # [cells] position of each cell in the heap, or -1
     state: Ints  # [2] size of the heap, cells expanded
-
-
-@kernel
-def legal_moves(free: NDArray[np.uint8], offsets: Ints, touched: Ints, first: Ints, need: Ints) -> NDArray[np.uint32]:
-    """Return the legal moves of each cell, bit k for move k: its target and `need[k]` of the touched cells must be free.
-
-    The cells that move k touches are `touched[first[k]:first[k + 1]]`, as flat offsets from its start.
-    """
-    legal = np.zeros(free.size, np.uint32)
-    for cell in range(free.size):
-        if free[cell]:
-            moves = 0
-            for k in range(offsets.size):
-                if free[cell + offsets[k]]:
-                    open_cells = 0
-                    for j in range(first[k], first[k + 1]):
-                        open_cells += free[cell + touched[j]]
-                    if open_cells >= need[k]:
-                        moves |= 1 << k
-            legal[cell] = moves
-    return legal
 
 
 @bare_kernel
