@@ -93,7 +93,8 @@ def moment_figure(
     if caption is None and decision is not None:
         caption = f"{decision.action.replace('-', ' ')}: {in_words(decision.reason)}"
     if caption is not None:
-        axes.set_xlabel(f"x (m)\n{_wrapped(caption)}")
+        lines = textwrap.wrap(caption, 90, max_lines=2, placeholder=" ...")
+        axes.set_xlabel("x (m)\n" + style.plain("\n".join(lines)))
     return style.legend_below(axes, columns=3)
 
 
@@ -350,8 +351,3 @@ def draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None
 def _disc(axes: Axes, centre: NDArray[np.float64], radius: float, colour: str, *, zorder: float, filled: bool = True) -> None:
     face = colour if filled else "none"
     axes.add_patch(Circle((centre[0], centre[1]), radius, facecolor=face, edgecolor=colour, linewidth=1.2, zorder=zorder))
-
-
-def _wrapped(text: str) -> str:
-    """Return a text on at most two lines, which Matplotlib shows as it is."""
-    return style.plain("\n".join(textwrap.wrap(text, 90, max_lines=2, placeholder=" ...")))

@@ -121,7 +121,7 @@ def plain(text: str) -> str:
 
 def map_size(grid: Grid, *, width: float = 6.4, extra: float = 1.35) -> tuple[float, float]:
     """Return the size in inches of a figure that shows `grid` undistorted with room for title and legend."""
-    low, high = _corners(grid)
+    low, high = grid.bounds().tolist()
     return box_size(low, high, width=width, extra=extra)
 
 
@@ -176,7 +176,7 @@ def draw_map(axes: Axes, grid: Grid) -> None:
             axes.plot([k * grid.resolution] * 2, [0, size[1]], **lines)
         for k in range(1, rows):
             axes.plot([0, size[0]], [k * grid.resolution] * 2, **lines)
-    low, high = _corners(grid)
+    low, high = grid.bounds().tolist()
     axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
     show_box(axes, grid, low, high)
     shape = (high[1] - low[1]) / (high[0] - low[0])
@@ -188,12 +188,6 @@ def draw_map(axes: Axes, grid: Grid) -> None:
 def show_box(axes: Axes, grid: Grid, low: Sequence[float], high: Sequence[float]) -> None:
     """Show the part of a map from `low` to `high`, (x, y) in m, with row 0 on top for `Grid.top_first`."""
     axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]) if grid.top_first else (low[1], high[1]))
-
-
-def _corners(grid: Grid) -> tuple[list[float], list[float]]:
-    rows, cols = grid.shape
-    ends = grid.to_xy([(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)])
-    return ends.min(axis=0).tolist(), ends.max(axis=0).tolist()
 
 
 def casing(width: float) -> list[Any]:

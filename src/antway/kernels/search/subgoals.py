@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
-from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.search.canonical import COL, ROW, Lattice
 from antway.kernels.search.hierarchy import AFTER, BEFORE, BYPASSED, DONE, FULL, LINKED, NEXT, RUNNING, TO, USED, Memory
 from antway.kernels.search.jps import place, place_beside
@@ -31,17 +31,11 @@ class SubgoalMap(NamedTuple):
     number: NDArray[np.int32]  # [(H + 2) * (W + 2)] number of each subgoal, -1 elsewhere; with a margin of 1 cell
 
 
-@kernel
 def corners(around: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Return which cells are subgoals: they have a blocked diagonal between two free sides; `around` as in `canonical`."""
-    table = np.zeros(256, np.bool_)
-    for bits in range(256):
-        for d in range(4):
-            table[bits] |= bits >> d & 1 and bits >> ((d + 1) & 3) & 1 and not bits >> (d + 4) & 1
-    found = np.empty(around.size, np.bool_)
-    for i in range(around.size):
-        found[i] = table[around[i]]
-    return found
+    free = np.arange(256)[:, None] >> np.arange(8) & 1 == 1
+    table: NDArray[np.bool_] = (free[:, :4] & np.roll(free[:, :4], -1, axis=1) & ~free[:, 4:]).any(axis=1)
+    return table[around]
 
 
 @bare_kernel
