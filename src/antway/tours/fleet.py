@@ -65,7 +65,7 @@ def best_routes(
     rows, spans, opens, closes = layout(stops)
     n = len(rows)
     if n == 2:
-        return [_order(stops, rows[[0, 1]]) for _ in range(stops.robots)]
+        return [without_end(stops, rows[[0, 1]]) for _ in range(stops.robots)]
     fleet, step = _fleet(stops, rows, spans, opens, closes)
     scratch, current, best = (kernel.routes(n, stops.robots) for _ in range(3))
 
@@ -140,10 +140,10 @@ def _fill(routes: kernel.FleetRoutes, rows: Order, orders: list[Order]) -> None:
 
 def _orders(stops: Stops, rows: Order, routes: kernel.FleetRoutes) -> list[Order]:
     """Return the routes as orders of stops."""
-    return [_order(stops, rows[routes.stops[k, : routes.sizes[k]]]) for k in range(stops.robots)]
+    return [without_end(stops, rows[routes.stops[k, : routes.sizes[k]]]) for k in range(stops.robots)]
 
 
-def _order(stops: Stops, order: Order) -> Order:
+def without_end(stops: Stops, order: Order) -> Order:
     """Return the route without the artificial end that kernels use for open tours."""
     return order[:-1].astype(np.int32) if stops.end is None else order.astype(np.int32)
 

@@ -11,12 +11,14 @@ import numpy as np
 
 from antway import checks
 from antway.errors import BadParameter
-from antway.planning import Budget
+from antway.kernels.colony.window_colony import TAU_0
+from antway.kernels.colony.window_repair import least_late_place
+from antway.planning import Budget, Clock
 from antway.tours.bounds import lower_bound, quick_bound, worth_bound
-from antway.tours.fleet import best_routes
-from antway.tours.single import best_order
+from antway.tours.fleet import best_routes, inner_places, layout, without_end
 from antway.tours.stops import Floats, Order, Stops
 from antway.tours.untimed import FEW, improved_order, is_untimed, shortest_order
+from antway.tours.windowed import Path, search
 
 _QUICK = 0.2  # s; with less time, an earlier answer is only improved by local search
 _PREPARATION = 6e-8  # s per cubed number of stops; with less time, the analysis of windows (a quarter of it) is left out
@@ -148,7 +150,7 @@ def order_stops(
             least = lower_bound(stops)
         orders = best_routes(stops, clock, cycles, seed, known, least)
     else:
-        order, proven, pheromone = best_order(stops, clock, cycles, seed, None if known is None else known[0], learned, quick)
+        order, proven, pheromone = _best_order(stops, clock, cycles, seed, None if known is None else known[0], learned, quick)
         orders = [order]
     answer = finished(stops, orders, 0.0, pheromone)
     if answer.lateness > 0.0 and known is not None and len(known) == stops.robots:
@@ -165,6 +167,54 @@ def order_stops(
     else:
         bound = (least if math.isfinite(least) else lower_bound(stops)) if math.isfinite(answer.cost) else 0.0
     return replace(answer, bound=bound, gap=_gap(stops, answer.cost, answer.collected, bound))
+
+
+def _best_order(
+    stops: Stops, clock: Clock, cycles: int | None, seed: int, initial: Order | None, pheromone: Floats | None, quick: bool
+) -> tuple[Order, bool, Floats | None]:
+    """Return the best order found for one robot, whether it is proven optimal and feasible, and pheromone, float64[n, n]."""
+    rows, spans, opens, closes = layout(stops)
+    n, m = len(stops.matrix), len(rows)
+    path = Path(spans, opens, closes, quick)
+    tau = None
+    # Rows of the pheromone are stops. The start of a closed tour is at both ends of the path.
+    ids = np.where(rows < 0, 0, rows)
+    if pheromone is not None and pheromone.shape == (n, n):
+        tau = np.ascontiguousarray(pheromone[np.ix_(ids, ids)])
+    first = None
+    if initial is not None:
+        (kept,), missing = inner_places(rows, [initial])
+        first = _inserted(path, [0, *kept, m - 1], missing, clock)
+    makespan = stops.objective == "makespan"
+    found = search(path, clock, makespan=makespan, cycles=cycles, seed=seed, initial=first, pheromone=tau)
+    proven = found.proven and found.late == 0.0
+    order = found.order if found.late == 0.0 or first is None or found.late < path.late(first) else first
+    if found.late > 0.0 and not clock.spent() and np.isfinite(spans[order[:-1], order[1:]]).all():
+        # With windows that are longer by the delays of this order, the rest of the budget is for its cost.
+        eased = Path(spans, opens, np.maximum(closes, path.starts(order)), quick)
+        left = None if cycles is None else max(cycles - found.cycles, 1)
+        found = search(eased, clock, makespan=makespan, cycles=left, seed=seed, initial=order, pheromone=tau)
+        order = found.order
+    learned = None
+    if found.pheromone.size:
+        learned = np.full((n, n), TAU_0)
+        learned[np.ix_(ids[:-1], ids[1:-1])] = found.pheromone[:-1, 1:-1]
+        if rows[-1] >= 0:
+            learned[ids[1:-1], rows[-1]] = found.pheromone[1:-1, -1]
+    return without_end(stops, rows[order]), proven, learned
+
+
+def _inserted(path: Path, known: list[int], missing: list[int], clock: Clock) -> Order:
+    """Insert the missing stops where the order becomes least late, then shortest; once the clock is spent only shortest."""
+    order, time = np.array(known, dtype=np.int32), path.finite
+    for stop in missing:
+        if clock.spent():
+            here, then = order[:-1], order[1:]
+            place = 1 + int(np.argmin(time[here, stop] + time[stop, then] - time[here, then]))
+        else:
+            place = least_late_place(time, path.opens, path.closes, order, stop)
+        order = np.insert(order, place, stop)
+    return order
 
 
 def _gap(stops: Stops, cost: float, collected: float, bound: float) -> float:
