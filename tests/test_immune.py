@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from antway.ants.immune import (
@@ -10,11 +12,11 @@ from antway.ants.immune import (
     concentration,
     edges,
     select,
-    uniforms,
     vaccinate_path,
     vaccinate_tour,
     vaccines,
 )
+from antway.kernels.base import rng
 from common import cases
 
 
@@ -62,7 +64,7 @@ def test_concentration_counts_the_alike():
 def test_selection_keeps_the_best_and_prefers_the_short():
     """The best ant is always selected; short tours are drawn more often than long ones, the more so the colder it is."""
     costs = np.array([110.0, 100.0, 130.0])
-    draw = uniforms(4, 0)
+    draw = partial(rng.uniform, rng.make_state(4, 0))
     counts = np.zeros(3)
     for _ in range(2000):
         chosen = select(costs, 0.1, draw)

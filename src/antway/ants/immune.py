@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +83,7 @@ class Immunity:
         `evaluate(nodes)` returns the cost, `vaccinate(nodes, vaccine)` a child with the vaccine.
         """
         policy = self.policy
-        draw = uniforms(self.seed, cycle)
+        draw = partial(rng.uniform, rng.make_state(self.seed, 2**63 + cycle))
         population, values = list(ants), costs.copy()
         found = vaccines([nodes for _, nodes in self.elites], policy.share, self.closed) if self.elites else []
         for ant in range(len(population)):
@@ -120,12 +121,6 @@ def scaled(numbers: Numbers, costs: NDArray[np.float64], factor: NDArray[np.floa
     deposit_weight = numbers.deposit_weight * factor[np.argsort(costs, kind="stable")]
     before = float(numbers.deposit_weight[: np.count_nonzero(np.isfinite(costs))].sum())
     return numbers._replace(deposit_weight=deposit_weight * (before / deposit_weight.sum() if deposit_weight.any() else 1.0))
-
-
-def uniforms(seed: int, cycle: int) -> Draw:
-    """Return a source of uniform numbers that depends only on the seed and the cycle."""
-    state = rng.make_state(seed, 2**63 + cycle)
-    return lambda: float(rng.uniform(state))
 
 
 def edges(nodes: Nodes, closed: bool) -> NDArray[np.int64]:
