@@ -271,27 +271,23 @@ def twist_message(command: Command, velocity: XY, heading: float, robot: RobotSp
     towards its velocity (`antway.world.robots.towards`); with the dynamics "steps", the forward speed and turn rate by which
     `antway.world` would follow the command in a control period.
     """
-    vx, vy = command.velocity
     if robot.wheels and not robot.stepwise:
-        (forward, turn), left = command.twist or towards(command.velocity, heading, robot), 0.0
+        (forward, rate), left = command.twist or towards(command.velocity, heading, robot), 0.0
     elif robot.drive == "differential":
-        wx, wy, turned = drive(*velocity, heading, vx, vy, robot.limits, robot.dt)
-        forward, left, turn = wx * math.cos(turned) + wy * math.sin(turned), 0.0, wrap(turned - heading) / robot.dt
+        wx, wy, turned = drive(*velocity, heading, *command.velocity, robot.limits, robot.dt)
+        forward, left, rate = wx * math.cos(turned) + wy * math.sin(turned), 0.0, wrap(turned - heading) / robot.dt
     else:
-        cos, sin = math.cos(heading), math.sin(heading)
-        forward, left, turn = cos * vx + sin * vy, cos * vy - sin * vx, 0.0
+        (forward, left), rate = turn(-heading, command.velocity), 0.0
     return make(
         "geometry_msgs/msg/Twist",
         linear=make("geometry_msgs/msg/Vector3", x=forward, y=left, z=0.0),
-        angular=make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=turn),
+        angular=make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=rate),
     )
 
 
 def read_twist(message: Any, heading: float) -> Command:
     """Return the velocity of a geometry_msgs/msg/Twist, given in the frame of a robot with that heading, as a command."""
-    x, y = _xy(message.linear, "Twist", "linear", MAX_SPEED, "m/s")
-    cos, sin = math.cos(heading), math.sin(heading)
-    return Command((cos * x - sin * y, sin * x + cos * y))
+    return Command(turn(heading, _xy(message.linear, "Twist", "linear", MAX_SPEED, "m/s")))
 
 
 def read_odometry(message: Any) -> Odometry:
