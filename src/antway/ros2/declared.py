@@ -45,12 +45,10 @@ class Declared:
             if not node.has_parameter(name) and not name.startswith(_OF_ROS):
                 near = difflib.get_close_matches(name, parameters(), 3) or list(parameters())
                 raise BadParameter(name, parameter.value, f"left out: no parameter has this name; there is {', '.join(near)}")
-        Settings.of(self.values | {"robot.drive": "holonomic"} if self._bare() else self.values)
+        # Without these the robot is still unspecified: parameters may be set before the node is configured.
+        bare = not any(self.values.get(name) for name in ("robot.name", "robot.drive", "autostart"))
+        Settings.of(self.values | {"robot.drive": "holonomic"} if bare else self.values)
         node.add_on_set_parameters_callback(self._on_set)
-
-    def _bare(self) -> bool:
-        """Tell whether the robot is still unspecified: parameters may be set before the node is configured."""
-        return not any(self.values.get(name) for name in ("robot.name", "robot.drive", "autostart"))
 
     def _on_set(self, changed: list[Any]) -> Any:
         values = self.values | {one.name: one.value for one in changed if one.name in parameters()}
