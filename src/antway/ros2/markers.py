@@ -1,9 +1,10 @@
-"""Decisions and predictions as MarkerArrays for RViz and Foxglove; no ROS import."""
+"""What the node shows of its plans in RViz and Foxglove: decision, planned motion, pheromone, predictions; no ROS import."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,14 @@ from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
 from antway.ros2 import convert
 from antway.ros2.convert import Make, plain
 from antway.ros2.frames import Pose, chain
+from antway.ros2.messages import make
 from antway.world.policy import XY, Decision, Tracks
 from antway.world.terrain import terrain_of
 
+if TYPE_CHECKING:
+    from antway.ros2.pilot import Pilot
+
+SEEN_AHEAD = 3.0  # s; how far ahead predictions are shown
 _COLOURS = {"follow": (0.1, 0.6, 0.2), "arrived": (0.1, 0.6, 0.2), "avoid": (0.1, 0.4, 0.9)}
 _HALTED = (0.9, 0.2, 0.1)  # colour of all other actions: wait, brake, step-back, step-aside, stuck
 
@@ -93,3 +99,35 @@ def shades(row: int, col: int, tau: NDArray[np.float32], grid: Grid, frame: Pose
     """Return pheromone in a window of `grid` from (row, col) on as costs from 0 to 100, and its corner's pose in `frame`."""
     corner = grid.origin[0] + col * grid.resolution, grid.origin[1] + row * grid.resolution, 0.0
     return np.rint(100.0 * tau / max(float(tau.max()), 1e-30)).astype(np.int8), chain(frame, corner)
+
+
+class Pictures:
+    """Publishers of what `pilot` plans, in `frame`; `publisher` opens one by type, topic and whether it is latched."""
+
+    def __init__(self, pilot: Pilot, frame: str, publisher: Callable[[str, str, bool], Any]) -> None:
+        self.pilot, self.frame = pilot, frame
+        self.shown: Decision | None = None
+        self.plan = publisher("nav_msgs/msg/Path", "plan", True)
+        self.pheromone = publisher("nav_msgs/msg/OccupancyGrid", "pheromone", True)
+        self.decisions = publisher("visualization_msgs/msg/MarkerArray", "decisions", True)
+        self.predictions = publisher("visualization_msgs/msg/MarkerArray", "predictions", False)
+
+    def show(self, t: float) -> None:
+        """Publish decision, planned motion and pheromone if they are new, and predictions if there is a subscriber."""
+        pilot, frame = self.pilot, self.frame
+        decision = pilot.decision()
+        if decision is None or pilot.scan is None or pilot.odometry is None:
+            return
+        tracks = pilot.scan[1]
+        if decision is not self.shown:
+            self.shown = decision
+            self.decisions.publish(decision_message(decision, pilot.odometry.xy, tracks, t, make, frame=frame))
+            if decision.path is not None:
+                self.plan.publish(convert.path_message(decision.path.xy, make, t=t, frame=frame))
+            costs, policy = pilot.pheromone(), pilot.policy
+            if costs is not None and policy is not None:  # which may drive on a map before the newest one
+                message = convert.costs_message(costs[0], policy.task.grid.resolution, costs[1], make, t=t, frame=frame)
+                self.pheromone.publish(message)
+        if self.predictions.get_subscription_count():
+            lines = pilot.predictions(SEEN_AHEAD)
+            self.predictions.publish(predictions_message(tracks, lines, t, make, frame=frame))

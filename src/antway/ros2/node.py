@@ -32,9 +32,9 @@ from antway.ros2.declared import Declared
 from antway.ros2.driver import open_driver, stamp_twist, twist_type
 from antway.ros2.frames import Odometry, Pose
 from antway.ros2.goals import ERROR, OK, STAND, WARN, End, Goal, PilotAnswer
+from antway.ros2.markers import Pictures
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import Kind, nav2_kinds
-from antway.ros2.pictures import Pictures
 from antway.ros2.pilot import OBSTACLES, ODOMETRY, Pilot
 from antway.ros2.reports import Reports
 from antway.ros2.scan import Background, Laser, ScanTracker, discs, newest_reached, without_ids
