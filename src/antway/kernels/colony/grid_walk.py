@@ -17,6 +17,7 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rng import GAMMA, mix, stream
 from antway.kernels.colony.pheromone import ADAPTIVE, PRINTED, Numbers, best_deposits, persistence
 
+F32 = np.float32
 FLOOR = 1e-30  # least weight of a legal move, as a share of the largest weight of its cell; only illegal moves have weight 0
 NEAR = 1e-3  # cells; smaller distances to the target count as this, so that an ant beside the target steps onto it
 LOW, HIGH = 1e-150, 1e150  # limits of pheromone for rules without limits, so that it never becomes 0 or infinite
@@ -104,17 +105,7 @@ def weigh(tau: Floats, eta: Floats, alpha: float, weights: NDArray[np.float32]) 
 
 
 @kernel
-def roulette(
-    w0: np.float32,
-    w1: np.float32,
-    w2: np.float32,
-    w3: np.float32,
-    w4: np.float32,
-    w5: np.float32,
-    w6: np.float32,
-    w7: np.float32,
-    bits: np.uint64,
-) -> int:
+def roulette(w0: F32, w1: F32, w2: F32, w3: F32, w4: F32, w5: F32, w6: F32, w7: F32, bits: np.uint64) -> int:
     """Return k with probability w_k / sum, by the upper 23 of 64 random bits; -1 if the sum is 0.
 
     The partial sums are added in pairs, so that few additions depend on one another. Even after rounding they never decrease,
@@ -180,17 +171,8 @@ def walk(
             if greedy == 0.0:
                 # Rejection sampling: draw among all moves and accept with the probability of the turn, unless the cell was
                 # visited. The step has the same distribution as the roulette below, mostly without looking at all neighbours.
-                k = roulette(
-                    weights[cell, 0],
-                    weights[cell, 1],
-                    weights[cell, 2],
-                    weights[cell, 3],
-                    weights[cell, 4],
-                    weights[cell, 5],
-                    weights[cell, 6],
-                    weights[cell, 7],
-                    bits,
-                )
+                row = weights[cell]
+                k = roulette(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], bits)
                 if k >= 0 and (stamp[cell + offsets[k]] == mine or np.float32(bits & _LOW) * _UNIT >= turn[last, k]):
                     k = -1
             if k < 0:
