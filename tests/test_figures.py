@@ -26,9 +26,8 @@ from antway.view.animation import CAPTION, LEGEND, write_animation
 from antway.view.fronts import front_figure
 from antway.view.notebook import pixels
 from antway.view.replay import write_replay
-from antway.view.rounds import rounds_figure
 from antway.view.style import BLUE, ORANGE, RED, TEAL, WALL
-from antway.view.tours import plan_tour_figure
+from antway.view.tours import plan_tour_figure, rounds_figure
 from antway.world.motions import Line
 from antway.world.robots import load_robot
 from antway.world.stops import Stop

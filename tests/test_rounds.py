@@ -334,7 +334,7 @@ def test_rounds_are_drawn_and_summed_up(tmp_path) -> None:
     from antway.demo import summary
     from antway.view import style
     from antway.view.replay import replay_page
-    from antway.view.rounds import rounds_figure
+    from antway.view.tours import rounds_figure
 
     late = (*FOUR, Stop((6.0, 0.6), "too late", window=(0.0, 0.5)))
     result = run(hall(stops=late, horizon=18.0), "follow", seed=1)

@@ -184,8 +184,8 @@ def write_record(result: EpisodeResult, folder: Path) -> dict[str, Any]:
         _write_json(folder / "summary.json", {name: value for name, value in numbers.items() if name not in TIMINGS})
         _write_json(folder / "timings.json", timings)
     if trace.rounds is not None:
-        from antway.view.rounds import rounds_figure
         from antway.view.style import save
+        from antway.view.tours import rounds_figure
 
         save(rounds_figure(trace), folder / "rounds.png")
     return numbers
