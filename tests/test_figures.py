@@ -21,9 +21,8 @@ from antway.ants.timed_front import timed_front
 from antway.ants.tsp import Tsp, solve_tsp
 from antway.arena.store import Row
 from antway.arena.summary import summarise
-from antway.view import animation, charts, colonies, diagrams, drives, figures
+from antway.view import animation, charts, colonies, diagrams, figures, plans
 from antway.view.animation import CAPTION, LEGEND, write_animation
-from antway.view.fronts import front_figure
 from antway.view.notebook import pixels
 from antway.view.replay import write_replay
 from antway.view.style import BLUE, ORANGE, RED, TEAL, WALL
@@ -49,7 +48,7 @@ def motion_figure() -> Figure:
     """A smoothed plan of a robot with a footprint."""
     office, robot = load_map("office"), load_robot("jackal")
     path = plan(office, (1.5, 3.0), (22.0, 12.5), robot_radius=robot.radius)
-    return drives.motion_figure(office, path, smooth(path, robot), robot)
+    return plans.motion_figure(office, path, smooth(path, robot), robot)
 
 
 def every_figure() -> dict[str, Figure]:
@@ -78,7 +77,7 @@ def every_figure() -> dict[str, Figure]:
         ),
         "sensitivity": colonies.sensitivity_figure("beta", [1, 2, 5], [[9, 8.5], [8, 8], [8, 9]], optimum=8.0),
         "motion": motion_figure(),
-        "front": front_figure(square_room, timed_front(Problem(square_room, (0, 0), (18, 18)), radius=0.3, horizon=60.0)),
+        "front": plans.front_figure(square_room, timed_front(Problem(square_room, (0, 0), (18, 18)), radius=0.3, horizon=60.0)),
         "success": charts.success_figure(summarise(ROWS)),
         "time-ratio": charts.time_ratio_figure(ROWS),
         "chart 1": diagrams.ant_system_chart(),

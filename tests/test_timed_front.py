@@ -12,7 +12,7 @@ import pytest
 from antway import BadInput, BadParameter, Grid, Moves, Plan, Problem, Status, TooLarge, World, check_plan
 from antway.ants.timed_front import LEVEL, TimedFront, exact_front, timed_front
 from antway.cli import app
-from antway.view.fronts import front_figure
+from antway.view.plans import front_figure
 from antway.world.motions import BackAndForth, Line
 from antway.world.timeline import Timeline
 from antway.world.world import Obstacle

@@ -270,7 +270,7 @@ def plan_front(
         except TooLarge as error:
             raise TooLarge("map", grid.shape, f"coarser: {error.allowed} within {horizon:g} s") from None
     if out is not None and len(front.paths):
-        from antway.view.fronts import front_figure
+        from antway.view.plans import front_figure
         from antway.view.style import save
 
         with working("drawing"):
@@ -303,7 +303,7 @@ def smooth_plan(path: Plan, grid: Grid, robot: RobotSpec, seed: int, out: Path |
         found = smooth(path, robot, grid=grid, seed=seed)
     motion = found.motion
     if out is not None and motion is not None:
-        from antway.view.drives import motion_figure
+        from antway.view.plans import motion_figure
         from antway.view.style import save
 
         with working("drawing"):
