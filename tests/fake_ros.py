@@ -140,7 +140,7 @@ def node_module(monkeypatch: Any) -> ModuleType:
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(messages, "load", lambda kind: kind)
     monkeypatch.setattr(messages, "make", convert.plain)
-    for name in ("declared", "driver", "tf", "actions", "pictures", "node"):  # imported anew, and forgotten at the end
+    for name in ("declared", "driver", "tf", "actions", "markers", "node"):  # imported anew, and forgotten at the end
         monkeypatch.setitem(sys.modules, f"antway.ros2.{name}", None)
         del sys.modules[f"antway.ros2.{name}"]
     node = importlib.import_module("antway.ros2.node")

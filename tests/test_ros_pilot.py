@@ -24,7 +24,7 @@ from antway.policies.antway import beside
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard_process import GuardProcess
 from antway.ros2 import compile as compiling
-from antway.ros2 import convert, nav2, pictures, tours
+from antway.ros2 import convert, markers, nav2, tours
 from antway.ros2.frames import Odometry
 from antway.ros2.goals import ERROR, OK, STAND, WARN, End, Goal, PilotAnswer
 from antway.ros2.markers import decision_message, predictions, predictions_message
@@ -942,9 +942,9 @@ def test_pheromone_is_shown_at_the_scale_of_its_own_map(monkeypatch) -> None:
     """While the robot drives on after a map of another resolution came, pheromone and its cells are those of the one before."""
     sent = []
     publisher = SimpleNamespace(publish=sent.append, get_subscription_count=lambda: 0)
-    monkeypatch.setattr(pictures, "make", convert.plain)
+    monkeypatch.setattr(markers, "make", convert.plain)
     drive = ready()
-    shown = pictures.Pictures(drive.pilot, "map", lambda *_: publisher)
+    shown = markers.Pictures(drive.pilot, "map", lambda *_: publisher)
     drive.step(Tracks(np.arange(2), [[4.0, 2.0], [5.6, 2.0]], [[-0.4, -0.3], [-0.3, -0.3]], [0.5, 0.6]))
     assert drive.pilot.pheromone() is not None
     drive.pilot.receive_map(Grid(np.zeros((80, 120), bool), 0.1))
