@@ -22,7 +22,7 @@ from antway.kernels.base.geometry import wrap
 from antway.kernels.robot.dynamics import drive
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 from antway.maps.limits import DEFAULT
-from antway.ros2.frames import Odometry, turn
+from antway.ros2.frames import Odometry, Pose, turn
 from antway.world.policy import XY, Command, RobotSpec, Tracks
 from antway.world.robots import towards
 
@@ -67,7 +67,7 @@ def pose_message(x: float, y: float, yaw: float, make: Make = plain) -> Any:
     )
 
 
-def read_pose(pose: Any, *, where: str = "pose") -> tuple[float, float, float]:
+def read_pose(pose: Any, *, where: str = "pose") -> Pose:
     """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuse a pose that is not finite or is tilted."""
     x, y = _xy(pose.position, where, most=math.inf, unit="")
     q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), where=where) for n in "xyzw"]
@@ -76,7 +76,7 @@ def read_pose(pose: Any, *, where: str = "pose") -> tuple[float, float, float]:
     return x, y, wrap(2.0 * math.atan2(q[2], q[3]))
 
 
-def read_mount(pose: Any, *, where: str = "pose") -> tuple[tuple[float, float, float], bool]:
+def read_mount(pose: Any, *, where: str = "pose") -> tuple[Pose, bool]:
     """Return (x, y, yaw) of the pose of a frame that is level, or upside down with its y axis mirrored, and whether it is.
 
     Examples
@@ -205,13 +205,7 @@ class MapReader:
 
 
 def costs_message(
-    costs: NDArray[np.int8],
-    resolution: float,
-    origin: tuple[float, float, float],
-    make: Make = plain,
-    *,
-    t: float = 0.0,
-    frame: str = "map",
+    costs: NDArray[np.int8], resolution: float, origin: Pose, make: Make = plain, *, t: float = 0.0, frame: str = "map"
 ) -> Any:
     """Return costs, int8[H, W] from -1 to 100, as a nav_msgs/msg/OccupancyGrid."""
     info = make(
