@@ -38,6 +38,7 @@ _REBUILD_EVERY = 4  # number of cycles after which such an ant builds a new tour
 _FOCUSED_ALONE_FROM = 2000  # number of cities from which ants build no new tours after the first cycle
 _SEARCHED_FROM = 8  # least number of cities for local search: with fewer, the edges of a 3-opt move may coincide
 _SLICE = 0.02  # s; time between two checks of the budget
+Progress = Callable[[int, float, float], object]  # of tours made, best length, seconds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +102,7 @@ def solve_tsp(
     candidates: int | None = None,
     focused: bool | None = None,
     pheromone: object = None,
-    progress: Callable[[int, float, float], object] | None = None,
+    progress: Progress | None = None,
     cancel: threading.Event | None = None,
 ) -> Tour:
     """Look for the shortest closed tour through all cities.
@@ -184,12 +185,7 @@ def solve_tsp(
 
 
 def _run(
-    colony: Colony,
-    clock: Clock,
-    limit: int,
-    target: float,
-    threads: int,
-    progress: Callable[[int, float, float], object] | None,
+    colony: Colony, clock: Clock, limit: int, target: float, threads: int, progress: Progress | None
 ) -> list[tuple[float, float, float]]:
     """Run the colony for `limit` cycles, until the clock is spent or a tour is at most `target` long.
 
