@@ -235,7 +235,7 @@ def test_jumps() -> None:
     for _ in range(cases(40, 400)):
         rows, cols = rng.integers(1, 200, size=2)
         grid = Grid(rng.random((rows, cols)) < rng.choice([0.002, 0.02, 0.2]))
-        words = derived.packed(grid)
+        words = derived.packed_lines(grid.blocked)
         for cell in [(int(r), int(c)) for r, c in free_cells(grid)[:: max(1, grid.blocked.size // 100)]]:
             for d in range(4):
                 assert jump(words, *place(d, *cell, rows, cols)) == naive.jump(grid, cell, d)

@@ -14,7 +14,7 @@ from antway.kernels.search.buckets import BLOCKS, CUT, KEYS, LIMIT, Queue
 from antway.kernels.search.lengths import DIAGONAL, STRAIGHT, octile
 from antway.planning import Budget, Clock, Plan, Problem, start_clock
 from antway.search import best_first as heap
-from antway.search.derived import NEIGHBOURS, kept, lattice, longer, packed
+from antway.search.derived import NEIGHBOURS, kept, lattice, longer, packed_lines
 from antway.search.distance_field import spread_plan
 from antway.search.result import found_shortest, not_found
 
@@ -72,7 +72,8 @@ class Searcher:
 
     def __init__(self, grid: Grid, moves: Moves, jumping: bool) -> None:
         shorter = STRAIGHT if moves is Moves.FOUR else DIAGONAL - STRAIGHT
-        self.map = SearchMap(lattice(grid, moves), packed(grid) if jumping else _NO_WORDS, shorter)
+        words = kept(grid, "packed", lambda: packed_lines(grid.blocked)) if jumping else _NO_WORDS
+        self.map = SearchMap(lattice(grid, moves), words, shorter)
         self.shape = grid.shape
         self.far = octile(0, 0, *grid.shape, STRAIGHT, shorter) >= LIMIT  # whether a path may be too long for 32-bit integers
         self.large = grid.blocked.size >= MOST_CELLS

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import weakref
 from collections.abc import Callable
-from functools import cache
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -70,7 +69,7 @@ def lattice(grid: Grid, moves: Moves) -> Lattice:
 def _lattice(grid: Grid, moves: Moves) -> Lattice:
     width = grid.shape[1]
     offsets = Moves.EIGHT.offsets.astype(np.int64) @ np.array([width, 1])
-    return Lattice(kept(grid, "around", lambda: _around(grid)), successors(moves), offsets, width)
+    return Lattice(kept(grid, "around", lambda: _around(grid)), successor_table(NEED[moves.value]), offsets, width)
 
 
 def _around(grid: Grid) -> NDArray[np.uint8]:
@@ -79,19 +78,8 @@ def _around(grid: Grid) -> NDArray[np.uint8]:
     return around.ravel()
 
 
-@cache
-def successors(moves: Moves) -> NDArray[np.uint8]:
-    """Return the canonical successors under `moves`."""
-    return successor_table(NEED[moves.value])
-
-
-def packed(grid: Grid) -> NDArray[np.uint64]:
-    """Return the map packed into bits for the four straight directions (see `kernels.search.jps`)."""
-    return kept(grid, "packed", lambda: packed_lines(grid.blocked))
-
-
 def packed_lines(stops: NDArray[np.bool_]) -> NDArray[np.uint64]:
-    """Return a map, bool[H, W], packed into bits for the four straight directions; everything off the map is True."""
+    """Return a map, bool[H, W], packed into bits as `kernels.search.jps` describes; everything off the map is True."""
     height, width = stops.shape
     rows, columns = (height + 2, width // 64 + 3), (width + 2, height // 64 + 3)
     words = np.full(2 * (math.prod(rows) + math.prod(columns)), ~np.uint64(0))

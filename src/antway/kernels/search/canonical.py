@@ -12,6 +12,7 @@ cell's surroundings is set if its neighbour in direction d is free.
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -65,6 +66,7 @@ def surroundings(blocked: NDArray[np.uint8], around: NDArray[np.uint8]) -> None:
             out[i] = x[i] * (straight | se[i] << 4 | below[i] << 5 | above[i] << 6 | ne[i] << 7)
 
 
+@cache
 def successor_table(need: int) -> NDArray[np.uint8]:
     """Return the canonical successors, uint8[9 * 256]: a set of directions at 256 * direction of arrival + surroundings.
 
