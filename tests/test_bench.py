@@ -23,7 +23,7 @@ from antway.arena import engines
 from antway.arena.engines import Job, _Worker, bench, local, table_jobs
 from antway.arena.store import Results, Row
 from antway.arena.suites import episodes
-from antway.arena.summary import paired, ranked, sections
+from antway.arena.summary import paired, ranked, sections, summarise
 from antway.baselines.replan import Follow
 from antway.cli import main
 from antway.errors import BadParameter, BadResults
@@ -377,6 +377,13 @@ def test_versions_are_counted_on_their_own():
     row = Row("synthetic", "open/low/0000", "stop", 1, "0.1.0", "open/low", "reached", "", time=1.0, bound=1.0)
     assert list(sections([row])) == ["synthetic"]
     assert list(sections([row, replace(row, version="0.2.0")])) == ["synthetic, antway 0.1.0", "synthetic, antway 0.2.0"]
+
+
+def test_no_interval_of_a_ratio_is_below_nought():
+    """Student's t of two episodes is wider than any time can be short."""
+    rows = [Row("s", f"e{k}", "p", k, "0", "g", "reached", "", time=12.0 + 6.0 * k, bound=10.0) for k in range(2)]
+    (one,) = summarise(rows)
+    assert one.time_ratio_interval == (0.0, pytest.approx(1.5 + 0.3 * 12.7062, rel=1e-5))
 
 
 def test_few_times_have_no_rank():

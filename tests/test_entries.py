@@ -117,7 +117,9 @@ def test_causes_tell_who_touched_the_robot():
                 ("hit-moving", with_cause(one.trace), 9.0),
                 ("timeout", "the horizon came first", 9.0),
                 ("hit-standing", with_cause(three.trace), math.inf),
+                ("error", "p at 3 s: ValueError: no; never", 9.0),
+                ("error", "p at 3 s: ValueError: no", math.inf),
             ]
         )
     ]
-    assert by_cause(rows) == {"hit-moving: one alone, from ahead": 2, "no path at all": 1, "timeout": 1}
+    assert by_cause(rows) == {"error": 2, "hit-moving: one alone, from ahead": 2, "no path at all": 1, "timeout": 1}

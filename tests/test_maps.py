@@ -71,8 +71,10 @@ def test_grey_trap(tmp_path: Path) -> None:
     Image.fromarray(np.array([[205, 205, 0, 254]], dtype=np.uint8)).save(tmp_path / "a.png")
     text = YAML.replace(b"a.pgm", b"a.png")
     (tmp_path / "a.yaml").write_bytes(text.replace(b"0.196", b"0.25"))
-    with pytest.warns(GreyTrapWarning, match=r"2 cells .*set free_thresh to 0\.196"):
+    with pytest.warns(GreyTrapWarning, match=r"2 cells .*set free_thresh to 0\.196") as warned:
         assert load_map(tmp_path / "a.yaml").blocked.tolist() == [[False, False, True, False]]
+        assert load_costs(tmp_path / "a.yaml").tolist() == [[0, 0, 100, 0]]
+    assert [one.filename for one in warned] == [__file__] * 2, "warnings name the line that asked for the map"
     (tmp_path / "a.yaml").write_bytes(text)
     grid = load_map(tmp_path / "a.yaml")
     assert grid.unknown is not None and grid.unknown.tolist() == [[True, True, False, False]]

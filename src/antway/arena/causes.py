@@ -56,12 +56,13 @@ def errors(rows: Sequence[Row]) -> list[str]:
 def by_cause(rows: Iterable[Row]) -> dict[str, int]:
     """Return the number of failed episodes for each cause, the most frequent first.
 
-    If the clairvoyant optimum does not reach the goal either, the cause is "no path at all".
+    If the clairvoyant optimum does not reach the goal either, the cause is "no path at all", except for errors of policies.
     """
     counts = Counter[str]()
     for row in rows:
         if not row.reached:
             _, _, why = row.reason.partition(_SPLIT)
-            name = "no path at all" if row.bound == math.inf else f"{row.outcome}: {why}" if why else row.outcome
-            counts[name] += 1
+            played = row.outcome != Outcome.ERROR.value  # what a policy's error says may contain `_SPLIT`
+            name = f"{row.outcome}: {why}" if why and played else row.outcome
+            counts["no path at all" if row.bound == math.inf and played else name] += 1
     return dict(sorted(counts.items(), key=lambda one: (-one[1], one[0])))

@@ -6,6 +6,7 @@ Outcome, time, length, smallest clearance and cycle times of an episode are in i
 from __future__ import annotations
 
 import math
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,7 +61,7 @@ def side_changes(trace: Trace) -> int:
     speed = np.hypot(relative[..., 0], relative[..., 1])
     cross = relative[..., 0] * offset[..., 1] - relative[..., 1] * offset[..., 0]
     ahead = (relative * offset).sum(axis=2) > 0.0
-    counts = ahead & (np.hypot(offset[..., 0], offset[..., 1]) < 3.0) & (np.abs(cross) >= 0.1 * speed) & (speed > 0.0)
+    counts = ahead & (np.hypot(offset[..., 0], offset[..., 1]) < 3.0) & (np.abs(cross) >= 0.1 * speed)
     for k in range(counts.shape[1]):
         moments = np.flatnonzero(counts[:, k])
         side = np.sign(cross[moments, k])
@@ -101,8 +102,11 @@ def bootstrap(values: ArrayLike, tail: float = 0.025) -> Interval:
     sample, tail = checks.array("values", values, (None,), finite=False), checks.number("tail", tail, low=0.0, high=0.5)
     if not len(sample):
         return math.nan, math.nan
-    drawn = np.random.default_rng(0).integers(0, len(sample), (RESAMPLES, len(sample)))
-    low, high = np.quantile(sample[drawn].mean(axis=1), (tail, 1.0 - tail))
+    rng, n = np.random.default_rng(0), len(sample)
+    at_once = max(2**18 // n, 1)  # resamples; all at once would fill gigabytes
+    drawn = (rng.integers(0, n, (min(at_once, RESAMPLES - done), n)) for done in range(0, RESAMPLES, at_once))
+    means = np.concatenate([sample[rows].mean(axis=1) for rows in drawn])
+    low, high = np.quantile(means, (tail, 1.0 - tail))
     return float(low), float(high)
 
 
@@ -159,7 +163,7 @@ def scored_by_all(scores: Scores) -> NDArray[np.bool_]:
     If no policy has any score, there is no such episode.
     """
     known = np.isfinite(np.array(list(scores.values())))
-    common: NDArray[np.bool_] = known[known.any(axis=1)].all(axis=0) & known.any(axis=0)
+    common: NDArray[np.bool_] = known[known.any(axis=1)].all(axis=0) & known.any()
     return common
 
 
@@ -185,13 +189,12 @@ def ranks(scores: Scores, *, most: bool = True) -> list[tuple[str, float, int]]:
     [('a', 1.0, 1), ('c', 1.0, 1), ('b', 0.0, 3)]
     """
     sign = 1.0 if most else -1.0
-    table, common = [], scored_by_all(scores)
-    for name, mine in scores.items():
-        better = 0
-        for theirs in scores.values():
-            both = np.isfinite(mine) & np.isfinite(theirs)
-            mean, _, real = real_difference(theirs[both], mine[both])
-            better += real and sign * mean > 0.0
-        table.append((name, float(mine[common].mean()) if common.any() else math.nan, 1 + better))
+    rank, common = dict.fromkeys(scores, 1), scored_by_all(scores)
+    for one, other in combinations(scores, 2):
+        both = np.isfinite(scores[one]) & np.isfinite(scores[other])
+        mean, _, real = real_difference(scores[one][both], scores[other][both])
+        rank[other if sign * mean > 0.0 else one] += real
     never = {name for name, mine in scores.items() if not np.isfinite(mine).any()}
-    return sorted(table, key=lambda row: (row[0] in never, row[2], -sign * row[1] if common.any() else 0.0, row[0]))
+    mean_of = {name: float(mine[common].mean()) if common.any() else math.nan for name, mine in scores.items()}
+    order = sorted(scores, key=lambda name: (name in never, rank[name], np.nan_to_num(-sign * mean_of[name]), name))
+    return [(name, mean_of[name], rank[name]) for name in order]

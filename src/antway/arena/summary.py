@@ -30,7 +30,7 @@ class Summary:
     success: float
     success_interval: metrics.Interval  # Wilson's, 95 %
     time_ratio: float  # time over the clairvoyant optimum; less than 1 is possible, because the optimum moves on a grid
-    time_ratio_interval: metrics.Interval  # the bootstrap's, 95 %; NaN for fewer than two episodes
+    time_ratio_interval: metrics.Interval  # of its mean, 95 %, not below 0; NaN for fewer than two episodes
     time: float  # s
     path_ratio: float  # length over the shortest path among the walls
     clearance: float  # m; the smallest of an episode
@@ -71,6 +71,7 @@ def _summary(level: str, policy: str, rows: Sequence[Row]) -> Summary:
     reached = [row for row in rows if row.reached]
     bound = [row for row in reached if math.isfinite(row.bound)]
     ratios = metrics.time_ratio([row.time for row in bound], [row.bound for row in bound])
+    low, high = metrics.mean_interval(ratios)
     return Summary(
         level=level,
         policy=policy,
@@ -79,7 +80,7 @@ def _summary(level: str, policy: str, rows: Sequence[Row]) -> Summary:
         success=len(reached) / len(rows),
         success_interval=metrics.wilson(len(reached), len(rows)),
         time_ratio=_mean(ratios),
-        time_ratio_interval=metrics.mean_interval(ratios),
+        time_ratio_interval=(max(low, 0.0), high),
         time=_mean([row.time for row in reached]),
         path_ratio=_mean(metrics.path_ratio([row.length for row in reached], [row.shortest for row in reached])),
         clearance=_mean([row.clearance for row in reached if math.isfinite(row.clearance)]),

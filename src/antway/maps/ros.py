@@ -44,7 +44,7 @@ class _Description:
 def read(path: Path, limits: Limits, occupied: int = 100) -> Grid:
     """Read the ROS map described by `path`. See above for which cells are blocked, with `occupied` in place of 100."""
     about = _describe(path, limits)
-    costs = _costs(about, path, limits)
+    costs = _costs(about, path, limits, 4)
     unknown = costs == -1
     try:
         return Grid((costs >= occupied) | unknown, about.resolution, about.origin, unknown if unknown.any() else None)
@@ -67,10 +67,11 @@ def load_costs(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> NDArra
     """
     path = as_path(path)
     checks.instance("limits", limits, Limits)
-    return _costs(_describe(path, limits), path, limits)
+    return _costs(_describe(path, limits), path, limits, 3)
 
 
-def _costs(about: _Description, path: Path, limits: Limits) -> NDArray[np.int8]:
+def _costs(about: _Description, path: Path, limits: Limits, level: int) -> NDArray[np.int8]:
+    """Return the costs of a map; its caller, whom a warning names, is `level` calls up."""
     grey, clear = read_grey(about.image, limits)
     table = _cost_of_grey(about)
     costs = table[grey]
@@ -83,7 +84,7 @@ def _costs(about: _Description, path: Path, limits: Limits) -> NDArray[np.int8]:
                 f"{path}: {trapped} cells have grey {UNKNOWN_GREY}, written by map_saver for unknown, but load as free because "
                 f"free_thresh is {about.free_thresh:g}; set free_thresh to 0.196 (anything below 0.19607) to keep them unknown",
                 GreyTrapWarning,
-                stacklevel=4,
+                stacklevel=level,
             )
     costs = np.ascontiguousarray(costs[::-1])
     costs.flags.writeable = False
