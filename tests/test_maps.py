@@ -66,6 +66,88 @@ def test_other_largest_values_are_scaled_to_the_nearest_grey(tmp_path: Path) -> 
     assert read_grey(tmp_path / "a.pgm", DEFAULT)[0].tolist() == [[0, 3, 128, 255]]
 
 
+def png(kind: int, depth: int, pixels: bytes, size: tuple[int, int] = (2, 1), **more: bytes) -> bytes:
+    """A PNG of one line of pixels, with `more` chunks."""
+    parts = {"IHDR": struct.pack(">IIBBBBB", *size, depth, kind, 0, 0, 0), **more}
+    parts |= {"IDAT": zlib.compress(b"\0" + pixels), "IEND": b""}
+    chunks = [(name.encode(), data) for name, data in parts.items()]
+    packed = (struct.pack(">I", len(d)) + n + d + struct.pack(">I", zlib.crc32(n + d)) for n, d in chunks)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(packed)
+
+
+@pytest.mark.parametrize(
+    ("data", "field"),
+    [
+        (b"P6 1 1 255 \0\0\0", "content"),
+        (b"P5 x 1 255 \0", "header"),
+        (b"P5 0 1 255 ", "height x width"),
+        (b"P5 2 1 0 \0\0", "largest value"),
+        (b"P5 2 1 65536 \0\0\0\0", "largest value"),
+        (b"P5 2 1 255 \0", "bytes of pixels"),
+        (b"P5 2 1 256 \0\0\0", "bytes of pixels"),
+        (b"P5 2 1 255 \0\0\1", "bytes of pixels"),
+        (b"P5 2 1 9 \0\x0a", "pixel"),
+        (b"P2 2 1 255 1", "bytes of pixels"),
+        (b"P2 2 1 255 100", "number of pixels"),
+        (b"P2 2 1 255 1 2 3", "number of pixels"),
+        (b"P2 2 1 255 1 x", "pixel"),
+        (b"P2 2 1 255 1 000001", "pixel"),
+        (b"P2 2 1 65535 1 65536", "pixel"),
+        (png(0, 8, b"\0\0")[:30], "header"),
+        (png(0, 8, b"", (0, 1)), "height x width"),
+        (png(1, 8, b"\0\0"), "colour type and depth"),
+        (png(0, 3, b"\0\0"), "colour type and depth"),
+        (png(0, 8, b"\0\0", (5000, 5000)), "size of the file"),
+        (png(0, 8, b"\0"), "content"),
+    ],
+)
+def test_wrong_pictures(tmp_path: Path, data: bytes, field: str) -> None:
+    """A wrong picture is a `BadMap` that names what is wrong with it."""
+    (tmp_path / "a.pgm").write_bytes(data)
+    with pytest.raises(BadMap) as wrong:
+        load_map(tmp_path / "a.pgm", resolution=1.0)
+    assert (wrong.value.field, wrong.value.where) == (field, str(tmp_path / "a.pgm"))
+
+
+def test_pictures_as_other_programs_write_them(tmp_path: Path) -> None:
+    """Comments, white space before the end, two bytes a pixel, bits, palettes, colours, and 16 bits."""
+    palette = {"PLTE": b"\xff\xff\xff\0\0\0\xff\xff\xff"}
+    for data, blocked, unknown in (
+        (b"P5\n# CREATOR: GIMP\n2\t1\r\n# 9 9\n255\n\xff\0\n", [0, 1], None),
+        (b"P2 2 # wide\n1 15\n15 # white\n0 # black\n", [0, 1], None),
+        (b"P5 2 1 65535 \xff\xff\0\xff", [0, 1], None),
+        (b"P5 2 1 256 \1\0\0\x80", [0, 0], None),
+        (b"P5 2 1 1 \1\0", [0, 1], None),
+        (png(0, 1, b"\x80"), [0, 1], None),
+        (png(3, 8, b"\0\1", **palette), [0, 1], None),
+        (png(3, 8, b"\2\1", **palette, tRNS=b"\xff\xff\0"), [1, 1], [1, 0]),
+        (png(2, 8, b"\0\xff\0\xff\0\0"), [0, 1], None),  # green is bright, and red is not
+        (png(4, 8, b"\xff\xff\xff\xfe"), [0, 1], [0, 1]),
+        (png(4, 16, b"\xff\xff\xff\xff\0\xff\xff\xff"), [0, 1], None),
+        (png(6, 8, b"\xff\xff\xff\0\xff\xff\xff\xff"), [1, 0], [1, 0]),
+        (png(0, 16, b"\x7f\xff\x80\x00"), [1, 0], None),
+    ):
+        (tmp_path / "a.png").write_bytes(data)
+        grid = load_map(tmp_path / "a.png", resolution=1.0)
+        assert grid.blocked.astype(int).tolist() == [blocked], data
+        assert (None if grid.unknown is None else grid.unknown.astype(int).tolist()) == (unknown and [unknown]), data
+
+
+def test_what_load_map_is_given_is_checked(tmp_path: Path) -> None:
+    """Limits and thresholds out of range, what a ROS map holds itself, and what is neither a file nor a scene."""
+    (tmp_path / "a.pgm").write_bytes(b"P5 2 1 255 \xfd\xfc")
+    (tmp_path / "a.yaml").write_bytes(YAML)
+    assert load_map(tmp_path / "a.pgm", resolution=1.0, occupied=1).blocked.tolist() == [[False, True]]
+    for name, given in (("a.pgm", {"limits": 3}), ("a.pgm", {"occupied": 0}), ("a.pgm", {"occupied": 101})):
+        with pytest.raises(BadParameter, match=next(iter(given))):
+            load_map(tmp_path / name, resolution=1.0, **given)  # type: ignore[arg-type]
+    for given in ({"resolution": 0.05}, {"origin": (0.0, 0.0, 0.0)}):
+        with pytest.raises(BadParameter, match="which holds its own"):
+            load_map(tmp_path / "a.yaml", **given)  # type: ignore[arg-type]
+    with pytest.raises(BadMap, match="a shipped scene: paper"):
+        load_map("ofice")
+
+
 def test_grey_trap(tmp_path: Path) -> None:
     """Unknown cells that load as free are counted in a warning that says what to set; at 0.196 there is none."""
     Image.fromarray(np.array([[205, 205, 0, 254]], dtype=np.uint8)).save(tmp_path / "a.png")
@@ -173,14 +255,7 @@ def test_what_names_no_file() -> None:
 )
 def test_the_transparent_colour_of_every_kind_of_png(tmp_path: Path, kind: int, depth: int, pixels: bytes, key: bytes) -> None:
     """The first of two pixels has the colour that the file declares to be transparent, and so it is unknown."""
-    parts = {
-        b"IHDR": struct.pack(">IIBBBBB", 2, 1, depth, kind, 0, 0, 0),
-        b"tRNS": key,
-        b"IDAT": zlib.compress(b"\0" + pixels),
-        b"IEND": b"",
-    }
-    chunks = (struct.pack(">I", len(d)) + n + d + struct.pack(">I", zlib.crc32(n + d)) for n, d in parts.items())
-    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(chunks))
+    (tmp_path / "a.png").write_bytes(png(kind, depth, pixels, tRNS=key))
     grid = load_map(tmp_path / "a.png", resolution=1.0)
     assert grid.unknown is not None
     assert grid.unknown.tolist() == [[True, False]]
@@ -274,8 +349,8 @@ def test_a_picture_without_a_resolution_says_so(tmp_path):
         save_map(grid, file)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            load_map(file)
-            assert [one.category for one in caught] == [ResolutionWarning] * warned
+            assert load_map(file).top_first == (suffix != ".npy")
+            assert [(one.category, one.filename) for one in caught] == [(ResolutionWarning, __file__)] * warned
             load_map(file, resolution=0.05)
             assert len(caught) == warned
 

@@ -315,6 +315,18 @@ def test_a_recording_that_has_changed_is_read_again(tmp_path: Path) -> None:
     assert speeds == pytest.approx([1.0, 1.6])
 
 
+def test_a_file_that_changes_meanwhile_spoils_no_row(tmp_path: Path) -> None:
+    """Episodes of the old name are played neither in the new world nor by the new robot; they were, in a new process."""
+    picture, body = tmp_path / "hall.txt", tmp_path / "body.toml"
+    for changed, text in ((picture, ("." * 41 + "\n") * 40), (body, "radius = 0.2\n")):
+        picture.write_text(("." * 40 + "\n") * 40)
+        body.write_text("radius = 0.25\n")
+        episode = episodes(f"maps:{picture}", 1, str(body))[0]
+        changed.write_text(text)
+        with pytest.raises(BadParameter, match="has changed since"):
+            build(episode)
+
+
 def test_a_map_that_is_turned_is_played(tmp_path: Path) -> None:
     """Episodes need cells along the axes of the world."""
     save_map(Grid(np.zeros((60, 80), dtype=bool), 0.2, (0.0, 0.0, 0.3)), tmp_path / "turned.yaml")

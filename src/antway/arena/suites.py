@@ -158,7 +158,7 @@ def episodes(spec: str, count: int | None = None, robot: str = "") -> list[Suite
     suite = load_suite(spec)
     checks.instance("robot", robot, str)
     count = suite.default if count is None else checks.integer("episodes", count, low=1, high=1_000_000)
-    name = suite.name + (f"{_ON}{robot_name(robot)}" if robot else "")
+    name = _named(suite, robot)
     return [SuiteEpisode(spec, name, group, number, robot) for number in range(count) for group in suite.groups]
 
 
@@ -166,6 +166,11 @@ def episodes(spec: str, count: int | None = None, robot: str = "") -> list[Suite
 def _suite(spec: str, name: str) -> Suite:
     """Return the suite that `spec` names; it is read again if its file has changed since, and so its name."""
     return load_suite(spec)
+
+
+def _named(suite: Suite, robot: str) -> str:
+    """Return the name of a suite for its own robot, or for `robot`, a name or a file."""
+    return suite.name + (f"{_ON}{robot_name(robot)}" if robot else "")
 
 
 def robot_name(robot: str) -> str:
@@ -182,9 +187,11 @@ def build(episode: SuiteEpisode) -> Scenario:
     Raises
     ------
     BadParameter
-        If there is none among a hundred.
+        If there is none among a hundred, or the file of the suite or robot is another than when the episode got its name.
     """
     suite = _suite(episode.spec, episode.own_suite)
+    if (now := _named(suite, episode.robot)) != episode.suite:
+        raise BadParameter("suite", now, f"{episode.suite}, for which this episode was made; a file has changed since")
     return drawn(suite, episode.group, episode.seed, load_robot(episode.robot) if episode.robot else None)
 
 
