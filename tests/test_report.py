@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 
@@ -11,9 +12,10 @@ import pytest
 
 from antway import run
 from antway.arena.engines import Job, play
-from antway.arena.store import Results
+from antway.arena.metrics import wilson
+from antway.arena.store import Results, Row
 from antway.arena.suites import episodes, stage
-from antway.arena.summary import level_of, levels, markdown, paired, summarise
+from antway.arena.summary import level_of, levels, markdown, paired, sections, summarise
 from antway.view.report import report_page, write_report
 from browser import boxes, chromium, needs_browser
 
@@ -76,6 +78,36 @@ def test_summaries(rows):
     wins, times = paired(rows, POLICIES)
     assert all(len(part) == 6 for part in wins.values())
     assert len({len(part) for part in times.values()}) == 1
+
+
+def test_a_summary_by_hand():
+    """Means are over those that reached the goal or over all, as each number says; levels nobody knows come last."""
+    inf, nan = math.inf, math.nan
+
+    def row(episode: str, outcome: str = "reached", *numbers: float, policy: str = "a") -> Row:
+        return Row("s", episode, policy, 1, "0", episode.rpartition("/")[0], outcome, "", *numbers)
+
+    one = row("open/low/1", "reached", 12.0, 11.0, 0.5, 0.2, 1, 7, 8, 1.0, 10.0, 10.0, 0.9, 1.0, 2.0, 3.0)
+    two = row("aisles/low/1", "reached", 30.0, 20.0, inf, 0.0, 3, 7, 8, 2.0, inf, 10.0, 0.7, 3.0, 4.0, 9.0)
+    hit = row("open/low/2", "hit-moving", 5.0, 5.0, 0.0, 1.0, 2, 7, 8, 3.0, 10.0, 10.0, 0.8, 2.0, 3.0, 4.0)
+    hung, died = row("open/hung/1", "timeout"), row("open/unknown/1", "error", policy="b")
+    slow = row("open/low/1", "timeout", policy="b")
+    easy = row("open/easy/1", "hit-wall", *[nan] * 4, 0, 0, 0, nan, 9.0, 9.0, 0.95, policy="b")
+    rows = [hung, died, slow, easy, one, two, hit]
+    assert levels(rows) == ["easy", "low", "hung", "unknown"]
+    table = {(line.level, line.policy): line for line in summarise(rows)}
+    assert list(table) == [("easy", "b"), ("low", "a"), ("low", "b"), ("hung", "a"), ("unknown", "b"), ("", "a"), ("", "b")]
+    low = table["low", "a"]
+    assert (low.episodes, low.outcomes["reached"], low.outcomes["hit-moving"], sum(low.outcomes.values())) == (3, 2, 1, 3)
+    assert (low.success, low.success_interval) == (2 / 3, wilson(2, 3))
+    assert (low.time_ratio, low.time, low.path_ratio, low.clearance) == (1.2, 21.0, pytest.approx(1.55), 0.5)
+    assert (low.discomfort, low.side_changes, low.jerk, low.cycle) == (pytest.approx(0.4), 2.0, 2.0, (2.0, 3.0, 9.0))
+    assert all(map(math.isnan, (*low.time_ratio_interval, table["hung", "a"].time, *table["hung", "a"].cycle)))
+    assert table["", "a"].episodes == 4 and table["", "a"].success == 0.5
+    wins, times = paired(rows, ["a", "b"])
+    assert [part.tolist() for part in wins.values()] == [[1.0], [0.0]]
+    assert times["a"].tolist() == [1.2] and math.isnan(times["b"][0])
+    assert list(sections([replace(one, suite="t"), one])) == ["t", "s"] and summarise([one])[0].level == "low"
 
 
 def test_markdown_has_every_summary_and_rank(rows):

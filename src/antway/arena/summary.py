@@ -46,11 +46,11 @@ def level_of(row: Row) -> str:
 
 
 def levels(rows: Sequence[Row]) -> list[str]:
-    """Return the levels, the easiest (largest mean `difficulty`) first."""
+    """Return the levels, the easiest (largest mean `difficulty`) first, and last those of which nobody knows it."""
     found: dict[str, list[float]] = {}
     for row in rows:
         found.setdefault(level_of(row), []).append(row.difficulty)
-    return sorted(found, key=lambda level: (-_mean(found[level]), level))
+    return sorted(found, key=lambda level: (np.nan_to_num(-_mean(found[level]), nan=math.inf), level))
 
 
 def summarise(rows: Sequence[Row], policies: Sequence[str] | None = None) -> list[Summary]:
