@@ -388,9 +388,11 @@ def test_no_interval_of_a_ratio_is_below_nought():
 
 def test_few_times_have_no_rank():
     """A policy that reached the goal nine times is significantly slower than nobody, and is not first for that."""
-    times = {"often": np.linspace(1.0, 1.1, 30), "seldom": np.where(np.arange(30) < 9, 1.5, math.nan)}
+    often, seldom, ten = np.linspace(1.0, 1.1, 30), np.where(np.arange(30) < 9, 1.5, math.nan), np.arange(30) < 10
+    times = {"often": often, "seldom": seldom, "slow": 1.1 * often, "ten": np.where(ten, 1.2 * often, math.nan)}
     wins = {name: np.isfinite(mine).astype(float) for name, mine in times.items()}
-    assert [(name, place) for name, _, _, place, _ in ranked(wins, times)] == [("often", "1"), ("seldom", "–")]
+    places = {name: place for name, _, _, place, _ in ranked(wins, times)}
+    assert places == {"often": "1", "slow": "2", "ten": "3", "seldom": "–"}
 
 
 def test_ctrl_c_while_workers_start_counts():

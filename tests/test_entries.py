@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from antway.baselines.replan import Follow
 from antway.world.entries import NEAR
 from antway.world.motions import Pursue, Replay
 from antway.world.scenario import save_scenario
+from antway.world.timeline import Timeline
+from antway.world.trace import Outcome
 from antway.world.world import Obstacle
 from common import cases
 
@@ -98,6 +101,42 @@ def test_when_a_record_begins_is_kept_in_a_file_and_checked(tmp_path):
     for wrong in (math.nan, "soon", math.inf, -math.inf, True):
         with pytest.raises(BadParameter, match="record_start"):
             Replay((0.0,), ((1.0, 1.0),), wrong)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "others", "said"),
+    [
+        ((0.09, 0.0), [], "one alone, standing"),
+        ((0.55, 0.9), [], "one alone, from behind"),  # within 60 degrees of the direction to the goal
+        ((0.45, 0.9), [], "one alone, from the side"),
+        ((-0.45, 0.9), [], "one alone, from the side"),
+        ((-0.55, 0.9), [], "one alone, from ahead"),
+        ((-1.5, 0.0), [], "one alone, from ahead"),
+        ((-1.51, 0.0), [], "one alone, from ahead, faster than declared"),
+        ((-1.0, 0.0), [((2.5, 3.9), (-1.0, 0.59))], "one of 2 together, from ahead"),
+        ((-1.0, 0.0), [((2.5, 4.1), (-1.0, 0.0)), ((2.5, 2.5), (-1.0, 0.61))], "one alone, from ahead"),
+    ],
+)
+def test_causes_by_hand(velocity, others, said):
+    """The robot at (2, 2) on its way to (9, 2) touches a disc of 0.3 m at (2.5, 2); a larger one nearby does not touch."""
+    people = [((9.0, 9.0), (0.0, 0.0)), *others, ((2.5, 2.0), velocity)]
+    t, line = 4.0, np.array([0.0, 1.0])
+    courses = [(t - 0.5 + line, np.array(xy) + np.outer(line - 0.5, v)) for xy, v in people]
+    timeline = Timeline.of(range(len(people)), [0.4, *[0.3] * (len(people) - 1)], courses)
+    task = SimpleNamespace(robot=RobotSpec(radius=0.2), goal=(9.0, 2.0), obstacle_speed=1.5)
+    ends = np.array([[0.0, 0.0], [2.0, 2.0]])
+    trace = SimpleNamespace(
+        outcome=Outcome.HIT_MOVING,
+        timeline=timeline,
+        task=task,
+        t=np.array([0.0, t]),
+        xy=ends,
+        heading=np.zeros(2),
+        reason="hit",
+    )
+    assert cause(trace) == said and with_cause(trace) == f"hit; {said}"
+    trace.outcome = Outcome.HIT_WALL
+    assert cause(trace) == "" and with_cause(trace) == "hit"
 
 
 def test_causes_tell_who_touched_the_robot():

@@ -14,7 +14,7 @@ from PIL import Image
 
 from antway import BadInput, BadMap, BadParameter, Grid, load_map, save_map
 from antway.errors import BadScenario
-from antway.maps import GreyTrapWarning, ResolutionWarning, load_costs, load_scen
+from antway.maps import GreyTrapWarning, ResolutionWarning, image, load_costs, load_scen
 from antway.maps.image import read_grey
 from antway.maps.limits import DEFAULT
 from common import SHARED, cases, needs_data, random_grid
@@ -75,6 +75,51 @@ def png(kind: int, depth: int, pixels: bytes, size: tuple[int, int] = (2, 1), **
     return b"\x89PNG\r\n\x1a\n" + b"".join(packed)
 
 
+def npy(descr: str = "|b1", order: bool = False, shape: str = "(1, 2)", data: bytes = b"\0\1", version: int = 1) -> bytes:
+    """An array file."""
+    head = f"{{'descr': '{descr}', 'fortran_order': {order}, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY" + bytes([version, 0]) + struct.pack("<H" if version == 1 else "<I", len(head)) + head + data
+
+
+@pytest.mark.parametrize(
+    ("data", "field"),
+    [
+        (b"x" + npy(), "header"),
+        (npy()[:11], "header"),
+        (npy()[:30], "header"),
+        (npy(version=4), "header"),
+        (npy(shape="(2,)"), "header"),
+        (npy(shape="(1, 2), 'shape': (1, 2)"), "header"),
+        (npy("|O"), "descr"),
+        (npy("<f8"), "descr"),
+        (npy(shape="(0, 2)"), "height x width"),
+        (npy(data=b"\0"), "bytes of data"),
+        (npy(data=b"\0\0\0"), "bytes of data"),
+        (npy(data=b"\0\2"), "value"),
+        (npy("<i2", data=b"\1\0\xff\xff"), "value"),
+    ],
+)
+def test_wrong_arrays(tmp_path: Path, data: bytes, field: str) -> None:
+    """A wrong array is a `BadMap` that names what is wrong with it."""
+    (tmp_path / "a.npy").write_bytes(data)
+    with pytest.raises(BadMap) as wrong:
+        load_map(tmp_path / "a.npy")
+    assert (wrong.value.field, wrong.value.where) == (field, str(tmp_path / "a.npy"))
+
+
+def test_arrays_of_any_order_and_type(tmp_path: Path) -> None:
+    """Booleans and integers, by rows or by columns, of each version of the format."""
+    for data in (
+        npy("|b1", False, "(2, 2)", b"\0\1\1\1"),
+        npy("|u1", True, "(2, 2)", b"\0\1\1\1", 2),
+        npy(">i2", False, "(2, 2)", b"\0\0\0\1\0\1\0\1", 3),
+    ):
+        (tmp_path / "a.npy").write_bytes(data)
+        assert load_map(tmp_path / "a.npy").blocked.astype(int).tolist() == [[0, 1], [1, 1]]
+    (tmp_path / "a.npy").write_bytes(npy("<i4", True, "(2, 2)", b"\0\0\0\0" + b"\1\0\0\0" + b"\0" * 8))
+    assert load_map(tmp_path / "a.npy").blocked.astype(int).tolist() == [[0, 0], [1, 0]]
+
+
 @pytest.mark.parametrize(
     ("data", "field"),
     [
@@ -118,6 +163,7 @@ def test_pictures_as_other_programs_write_them(tmp_path: Path) -> None:
         (b"P5 2 1 65535 \xff\xff\0\xff", [0, 1], None),
         (b"P5 2 1 256 \1\0\0\x80", [0, 0], None),
         (b"P5 2 1 1 \1\0", [0, 1], None),
+        (b"P2 2 1 65535 65535 10000", [0, 1], None),
         (png(0, 1, b"\x80"), [0, 1], None),
         (png(3, 8, b"\0\1", **palette), [0, 1], None),
         (png(3, 8, b"\2\1", **palette, tRNS=b"\xff\xff\0"), [1, 1], [1, 0]),
@@ -131,6 +177,33 @@ def test_pictures_as_other_programs_write_them(tmp_path: Path) -> None:
         grid = load_map(tmp_path / "a.png", resolution=1.0)
         assert grid.blocked.astype(int).tolist() == [blocked], data
         assert (None if grid.unknown is None else grid.unknown.astype(int).tolist()) == (unknown and [unknown]), data
+
+
+def test_large_pictures_are_read_in_bands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bands, and the blocks of decimals, join without a seam."""
+    monkeypatch.setattr(image, "_BAND", 7)  # two rows of three pixels
+    rng = np.random.default_rng(8)
+    for pixels in (rng.integers(0, 65536, (7, 3), np.uint16), rng.integers(0, 256, (7, 3, 2), np.uint8)):
+        Image.fromarray(pixels).save(tmp_path / "a.png")
+        grey, clear = read_grey(tmp_path / "a.png", DEFAULT)
+        if clear is None:
+            assert grey.tolist() == np.rint(pixels / 257).tolist()
+        else:
+            assert grey.tolist() == pixels[:, :, 0].tolist() and clear.tolist() == (pixels[:, :, 1] < 255).tolist()
+    decimals = rng.integers(0, 256, 120_000)
+    (tmp_path / "a.pgm").write_text("P2 400 300 255\n" + "\n".join(map(str, decimals)))
+    assert np.array_equal(read_grey(tmp_path / "a.pgm", DEFAULT)[0].ravel(), decimals)
+
+
+@pytest.mark.parametrize(("kind", "samples"), [(0, 1), (2, 3), (3, 1), (4, 2), (6, 4)])
+def test_no_png_unpacks_to_more_than_a_file_can_hold(tmp_path: Path, kind: int, samples: int) -> None:
+    """A byte unpacks to 1032 at most: whatever claims more is refused before memory is taken, and only that."""
+    most = 1032 * len(png(kind, 8, b"")) // samples
+    for width, field in ((most, "content"), (most + 1, "size of the file")):
+        (tmp_path / "a.png").write_bytes(png(kind, 8, b"", (width, 1)))
+        with pytest.raises(BadMap) as wrong:
+            load_map(tmp_path / "a.png", resolution=1.0)
+        assert wrong.value.field == field
 
 
 def test_what_load_map_is_given_is_checked(tmp_path: Path) -> None:
@@ -165,8 +238,9 @@ def test_grey_trap(tmp_path: Path) -> None:
 def test_a_picture_of_noughts_and_ones(tmp_path: Path) -> None:
     """Greys of 0 and 1 in a picture of 255 are both black; a warning says so, unless the threshold tells them apart."""
     Image.fromarray(np.eye(3, dtype=np.uint8)).save(tmp_path / "a.png")
-    with pytest.warns(GreyTrapWarning, match=r"every cell is blocked; save 0 and 255"):
+    with pytest.warns(GreyTrapWarning, match=r"every cell is blocked; save 0 and 255") as warned:
         assert load_map(tmp_path / "a.png", resolution=1.0).blocked.all()
+    assert warned[0].filename == __file__
     assert not load_map(tmp_path / "a.png", resolution=1.0, occupied=100).blocked.diagonal().any()
     Image.fromarray(np.zeros((3, 3), dtype=np.uint8)).save(tmp_path / "black.png")
     assert load_map(tmp_path / "black.png", resolution=1.0).blocked.all()

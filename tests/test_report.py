@@ -91,7 +91,7 @@ def test_a_summary_by_hand():
     two = row("aisles/low/1", "reached", 30.0, 20.0, inf, 0.0, 3, 7, 8, 2.0, inf, 10.0, 0.7, 3.0, 4.0, 9.0)
     hit = row("open/low/2", "hit-moving", 5.0, 5.0, 0.0, 1.0, 2, 7, 8, 3.0, 10.0, 10.0, 0.8, 2.0, 3.0, 4.0)
     hung, died = row("open/hung/1", "timeout"), row("open/unknown/1", "error", policy="b")
-    slow = row("open/low/1", "timeout", policy="b")
+    slow = row("open/low/1", "timeout", 60.0, policy="b")
     easy = row("open/easy/1", "hit-wall", *[nan] * 4, 0, 0, 0, nan, 9.0, 9.0, 0.95, policy="b")
     rows = [hung, died, slow, easy, one, two, hit]
     assert levels(rows) == ["easy", "low", "hung", "unknown"]
@@ -107,7 +107,38 @@ def test_a_summary_by_hand():
     wins, times = paired(rows, ["a", "b"])
     assert [part.tolist() for part in wins.values()] == [[1.0], [0.0]]
     assert times["a"].tolist() == [1.2] and math.isnan(times["b"][0])
-    assert list(sections([replace(one, suite="t"), one])) == ["t", "s"] and summarise([one])[0].level == "low"
+    assert list(sections([replace(one, suite="t"), one])) == ["t", "s"]
+    assert [line.level for line in summarise([one])] == ["low"]
+    assert [line.level for line in summarise([hung, one])] == ["low", "hung", ""]
+    assert math.isnan(paired([died, replace(died, policy="c")], ["b", "c"])[1]["c"][0]), "nobody knows the optimum"
+    fast = replace(one, episode="open/easy/1", group="open/easy", time=9.0, difficulty=1.0)
+    printed = markdown([fast, one, replace(hit, outcome="hit-standing", time=9.0), replace(slow, outcome="error")])
+    assert printed == PRINTED
+
+
+PRINTED = (
+    "| level | policy | episodes | success, % (95 %) | hit moving / standing / wall | timeout / error | time / optimum (95 %)"
+    """ | time, s | length / shortest | clearance, m | under 0.2 m, s | side changes |
+| --- | --- | --: | --: | --: | --: | --: | --: | --: | --: | --: | --: |
+| easy | a | 1 | 100.0 (20.7–100.0) | 0 / 0 / 0 | 0 / 0 | 0.9000 (–) | 9.00 | 1.10 | 0.50 | 0.20 | 1.00 |
+| low | a | 2 | 50.0 (9.5–90.5) | 0 / 1 / 0 | 0 / 0 | 1.2000 (–) | 12.00 | 1.10 | 0.50 | 0.60 | 1.50 |
+| low | b | 1 | 0.0 (0.0–79.3) | 0 / 0 / 0 | 0 / 1 | – | – | – | – | – | 0.00 |
+| all | a | 3 | 66.7 (20.8–93.9) | 0 / 1 / 0 | 0 / 0 | 1.0500 (0.000–2.956) | 10.50 | 1.10 | 0.50 | 0.47 | 1.33 |
+| all | b | 1 | 0.0 (0.0–79.3) | 0 / 0 / 0 | 0 / 1 | – | – | – | – | – | 0.00 |
+
+| policy | rank by success | success in 1 paired, % | rank by time / optimum | time / optimum in 1 that all reached |
+| --- | --: | --: | --: | --: |
+| a | 1 | 100.0 | – | 1.2000 |
+| b | 1 | 0.0 | – | – |
+
+| policy | failures by cause | episodes |
+| --- | --- | --: |
+| a | hit-standing | 1 |
+| b | error | 1 |
+
+A ratio below 1: the optimum moves between cells in 32 directions, a policy at any angle.
+"""
+)
 
 
 def test_markdown_has_every_summary_and_rank(rows):

@@ -50,7 +50,7 @@ def levels(rows: Sequence[Row]) -> list[str]:
     found: dict[str, list[float]] = {}
     for row in rows:
         found.setdefault(level_of(row), []).append(row.difficulty)
-    return sorted(found, key=lambda level: (np.nan_to_num(-_mean(found[level]), nan=math.inf), level))
+    return sorted(found, key=lambda level: (np.nan_to_num(-_mean(found[level])), level))
 
 
 def summarise(rows: Sequence[Row], policies: Sequence[str] | None = None) -> list[Summary]:
