@@ -107,6 +107,31 @@ def test_wrong_arrays(tmp_path: Path, data: bytes, field: str) -> None:
     assert (wrong.value.field, wrong.value.where) == (field, str(tmp_path / "a.npy"))
 
 
+@pytest.mark.parametrize(
+    ("name", "data", "field"),
+    [
+        ("a.txt", b"", "height x width"),
+        ("a.txt", b"..\n.x\n", "character 2 of map line 2"),
+        ("a.txt", b"..\n...\n", "length of map line 2"),
+        ("a.txt", b"..\n\n..\n", "length of map line 2"),
+        ("a.map", b"type hex\nheight 1\nwidth 2\nmap\n..\n", "type"),
+        ("a.map", b"type octile\nheight 0\nwidth 2\nmap\n..\n", "height x width"),
+        ("a.map", b"type octile\nheight 2\nwidth 2\nmap\n..\n", "number of map lines"),
+        ("a.map", b"type octile\nheight 1\nwidth 2\nmap\n..\n..\n", "number of map lines"),
+        ("a.map", b"type octile\nheight 1\nwidth 2\nmap\n.\n", "length of map line 1"),
+        ("a.map", b"type octile\nheight 90\nwidth 2\nmap\n..\n", "size of the file"),
+        ("a.map", b"type octile\nheight 1\nwidth 2\nmap\n..\n" + b"\n" * 2**17, "size of the file"),
+        ("a.map", b"height 1\nwidth 2\nmap\n..\n", "header"),
+    ],
+)
+def test_wrong_characters(tmp_path: Path, name: str, data: bytes, field: str) -> None:
+    """A wrong map of characters is a `BadMap` that names what is wrong, and in which line."""
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(BadMap) as wrong:
+        load_map(tmp_path / name)
+    assert (wrong.value.field, wrong.value.where) == (field, str(tmp_path / name))
+
+
 def test_arrays_of_any_order_and_type(tmp_path: Path) -> None:
     """Booleans and integers, by rows or by columns, of each version of the format."""
     for data in (
@@ -230,6 +255,14 @@ def test_grey_trap(tmp_path: Path) -> None:
         assert load_map(tmp_path / "a.yaml").blocked.tolist() == [[False, False, True, False]]
         assert load_costs(tmp_path / "a.yaml").tolist() == [[0, 0, 100, 0]]
     assert [one.filename for one in warned] == [__file__] * 2, "warnings name the line that asked for the map"
+    (tmp_path / "a.yaml").write_bytes(
+        text.replace(b"0.196", b"0.9").replace(b"0.65", b"0.95").replace(b"negate: 0", b"negate: 1")
+    )
+    assert load_costs(tmp_path / "a.yaml").tolist() == [[0, 0, 0, 100]], "with `negate` that grey means something else"
+    (tmp_path / "a.yaml").write_bytes(text.replace(b"0.196", b"0.25"))
+    Image.fromarray(np.array([[204, 0, 254]], dtype=np.uint8)).save(tmp_path / "a.png")  # no cell of that grey
+    assert not load_costs(tmp_path / "a.yaml").flags.writeable
+    Image.fromarray(np.array([[205, 205, 0, 254]], dtype=np.uint8)).save(tmp_path / "a.png")
     (tmp_path / "a.yaml").write_bytes(text)
     grid = load_map(tmp_path / "a.yaml")
     assert grid.unknown is not None and grid.unknown.tolist() == [[True, True, False, False]]

@@ -160,6 +160,16 @@ def test_pictures_stay_in_the_folder(tmp_path: Path, image: str) -> None:
     assert str(home) in caught.value.where
 
 
+def test_a_picture_in_the_folder_may_be_named_in_any_way(tmp_path: Path) -> None:
+    """ROS 1 writes absolute names where it was told where to save the map."""
+    (tmp_path / "sub").mkdir()
+    seeds(tmp_path)
+    known = load_map(tmp_path / "a.yaml")
+    for image in (tmp_path / "a.pgm", f"../{tmp_path.name}/a.pgm", "./sub/../a.pgm"):
+        (tmp_path / "b.yaml").write_bytes(YAML.replace(b"a.pgm", str(image).encode()))
+        assert load_map(tmp_path / "b.yaml") == known
+
+
 def test_linked_maps_load(tmp_path: Path) -> None:
     """A YAML and a picture that are both links into one other folder load, as workspaces of ROS install them."""
     home, installed = tmp_path / "src", tmp_path / "install"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, BadScenario, Grid, World
-from antway.world.motions import BackAndForth, Bounce, Draw, Line, RandomWalk, Replay, Waypoints
+from antway.world.motions import BackAndForth, Bounce, Draw, Line, Pursue, RandomWalk, Replay, Waypoints
 from antway.world.world import Obstacle
 from common import cases
 from naive.world import wall_distance
@@ -97,12 +97,83 @@ def test_chance_depends_on_seed_and_obstacle_alone() -> None:
         (lambda: RandomWalk((0, 0), 1.0, turn_every=0.0), "turn_every"),
         (lambda: Replay((1.0, 1.0), ((0, 0), (1, 1))), "t = 1.0"),
         (lambda: Replay((1.0,), ((0, 0), (1, 1))), "t.shape"),
+        (lambda: Line((0, -1.1e10), (1, 1), 1.0), r"start\[1\]"),
+        (lambda: Line((0, 0), (1.1e10, 1), 1.0), r"end\[0\]"),
+        (lambda: Line((0, 0), (1, 1), 1001.0), r"speed.*m/s"),
+        (lambda: Line((0, 0), (1, 1), 0.9e-9), "speed .* 0, or at least 1e-09"),
+        (lambda: Line((0, 0), (1, 1), (-0.1, 1.0)), r"speed\[0\]"),
+        (lambda: Line((0, 0), (1, 1), (0.0, 1e-10)), r"speed\[1\]"),
+        (lambda: Line((0, 0), (1, 1), (0.1, 0.2, 0.3)), "speed"),
+        (lambda: Line((0, 0), (1, 1), 1.0, -1.0), "delay"),
+        (lambda: Line((0, 0), (1, 1), 1.0, 1.1e9), "delay"),
+        (lambda: BackAndForth((math.nan, 0), (1, 1), 1.0), r"start\[0\]"),
+        (lambda: BackAndForth((0, 0), (1, math.inf), 1.0), r"end\[1\]"),
+        (lambda: Waypoints(((0, 0), (0, -1.1e10)), 1.0), "points = -1"),
+        (lambda: Waypoints(((0, 0), (1.1e10, 0)), 1.0), "points = 1"),
+        (lambda: Waypoints(((0, 0),) * 100_001, 1.0), "points.length = 100001"),
+        (lambda: Waypoints(np.empty((0, 2)), 1.0), "points.length = 0"),  # type: ignore[arg-type]
+        (lambda: Waypoints(((0, 0),), -1.0), "speed"),
+        (lambda: Waypoints(((0, 0),), 1.0, pause=-1.0), "pause"),
+        (lambda: Waypoints(((0, 0),), 1.0, phase=1.1), "phase"),
+        (lambda: Bounce((0, math.nan), 1.0), r"start\[1\]"),
+        (lambda: Bounce((0, 0), -1.0), "speed"),
+        (lambda: Bounce((0, 0), 1.0, math.inf), "heading"),
+        (lambda: Bounce((0, 0), 1.0, 1.1e6), "heading"),
+        (lambda: RandomWalk((0, math.nan), 1.0), r"start\[1\]"),
+        (lambda: RandomWalk((0, 0), -1.0), "speed"),
+        (lambda: RandomWalk((0, 0), 1.0, turn_every=0.9e-3), "turn_every"),
+        (lambda: RandomWalk((0, 0), 1.0, heading=math.nan), "heading"),
+        (lambda: Replay((0.0, 1.1e9), ((0, 0), (1, 1))), r"t = 1100000000.0.*\(s\)"),
+        (lambda: Replay((0.0, 1.0), ((0, 0), (1001, 0))), "points = 1001.0.*m/s between two of them"),
+        (lambda: Replay((0.0, 5e-324), ((0, 0), (1, 0))), "points = inf"),
+        (lambda: Replay((0.0,), ((0, 0),), 1.1e9), "record_start"),
+        (lambda: Replay((0.0,), ((0, 0),), -1.1e9), "record_start"),
+        (lambda: Pursue((0, math.nan), 1.0), r"start\[1\]"),
+        (lambda: Pursue((0, 0), -1.0), "speed"),
+        (lambda: Pursue((0, 0), 1.0, gap=-0.1), "gap"),
+        (lambda: Pursue((0, 0), 1.0, delay=-0.1), "delay"),
+        (lambda: Pursue((0, 0), 1.0, follow_time=-0.1), "follow_time"),
     ],
 )
 def test_wrong_motions_are_refused(make, field: str) -> None:
     """Each wrong parameter raises an error that names it."""
     with pytest.raises(BadParameter, match=field):
         make()
+
+
+def test_numbers_at_the_limits_are_motions() -> None:
+    """The least and the greatest number of each kind, and a span of one number."""
+    Line((-1e10, 0), (1e10, 0), 1000.0, (1e9, 1e9))
+    Waypoints(((-1e10, 0), (1e10, 0)), 1e-9, phase=(0.0, 1.0))
+    Waypoints(((0, 0),) * 100_000, 0.0)
+    RandomWalk((0, 0), 1.0, 1e-3, -1e6)
+    Replay((-1e9, 1e9), ((0, 0), (1, 0)), 1e9)
+    Replay((0.0, 1.0), ((0, 0), (1000, 0)), -1e9)
+
+
+def test_waypoints_are_where_a_walk_along_them_leads() -> None:
+    """Rounds of places, some of them the same, with pauses, from any phase on; or once."""
+    rng = np.random.default_rng(9)
+    for _ in range(cases(60, 600)):
+        points = rng.integers(0, 4, (rng.integers(1, 6), 2)).astype(float)
+        speed, pause = float(rng.choice([0.1, 1 / 3, 1.0])), float(rng.choice([0.0, 1 / 3]))
+        phase, loop = float(rng.choice([0.0, 0.25, 1.0, rng.random()])), bool(rng.integers(0, 2))
+        motion = Waypoints(tuple(map(tuple, points.tolist())), speed, loop, pause, phase)
+        line = trajectory(motion, horizon=50.0)
+        round_trip = [*points, points[0]] if loop else list(points)
+        legs = [(a, b, math.dist(a, b) / speed) for a, b in zip(round_trip, round_trip[1:])]
+        period = sum(time + pause for *_, time in legs)
+        for t in rng.uniform(0.0, 50.0, 20).tolist():
+            left, place = t, points[0]
+            if any(time > 0.0 for *_, time in legs):
+                left = (t + phase * period) % period if loop else t
+                place = round_trip[-1]
+                for a, b, time in legs:
+                    if left < time + pause:
+                        place = a + (b - a) * (min(left / time, 1.0) if time > 0.0 else 1.0)
+                        break
+                    left -= time + pause
+            np.testing.assert_allclose(line.at(t)[0][0], place, atol=1e-6)
 
 
 def test_too_many_knots_are_refused() -> None:

@@ -77,7 +77,7 @@ def _costs(about: _Description, path: Path, limits: Limits, level: int) -> NDArr
     costs = table[grey]
     if clear is not None and about.mode != "raw":
         costs[clear] = -1
-    if about.mode != "raw" and not about.negate and table[UNKNOWN_GREY] == 0:
+    if table[UNKNOWN_GREY] == 0 and not about.negate:
         trapped = int(np.count_nonzero((grey == UNKNOWN_GREY) & (costs == 0)))
         if trapped:
             warnings.warn(
@@ -174,17 +174,17 @@ def _number(name: str, value: object, low: float, high: float, where: str) -> fl
 
 
 def _beside(path: Path, image: object) -> Path:
-    """Return the path of `image`, which must be in the folder of the description `path` after links are resolved."""
-    allowed = "a file in the folder of the YAML (relative, no .., no link out of it)"
-    if not isinstance(image, str) or not image or "\0" in image or Path(image).is_absolute() or ".." in Path(image).parts:
-        raise BadMap("image", image, allowed, where=str(path))
+    """Return the path of `image`, which must be in the folder of the description `path` after links are resolved.
+
+    It may be absolute, as `map_saver -f /folder/map` of ROS 1 writes it.
+    """
     try:
-        target = (path.parent / image).resolve()
+        target = (path.parent / str(image)).resolve()
         inside = any(target.is_relative_to(home) for home in (path.parent.resolve(), path.resolve().parent))
     except (OSError, RuntimeError, ValueError):  # such as a link to itself, or an invalid name
         inside = False
-    if not inside:
-        raise BadMap("image", image, allowed, where=str(path))
+    if not inside or not isinstance(image, str):
+        raise BadMap("image", image, "a file in the folder of the YAML or below, not a link out of it", where=str(path))
     return target
 
 
