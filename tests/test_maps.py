@@ -13,10 +13,10 @@ import pytest
 from PIL import Image
 
 from antway import BadInput, BadMap, BadParameter, Grid, load_map, save_map
-from antway.errors import BadScenario
+from antway.errors import BadScenario, TooLarge
 from antway.maps import GreyTrapWarning, ResolutionWarning, image, load_costs, load_scen
 from antway.maps.image import read_grey
-from antway.maps.limits import DEFAULT
+from antway.maps.limits import DEFAULT, Limits
 from common import SHARED, cases, needs_data, random_grid
 from mapfiles import YAML, seeds
 
@@ -421,12 +421,36 @@ def test_wrong_descriptions(tmp_path: Path, old: bytes, new: bytes, field: str) 
 
 def test_scen_faults(tmp_path: Path) -> None:
     """A wrong row of a .scen names its line and field."""
-    for row, field in (("0 a 4 3 4 0 0 0 1", "start x"), ("0 a 4 3 0 0 0 3 1", "goal y"), ("0 a 4 3 0 0 0 0 nan", "length"),
-                       ("0 a 4 3 0 0 0 0", "number of fields"), ("-1 a 4 3 0 0 0 0 1", "bucket")):  # fmt: skip
+    for row, field in (
+        ("0 a 4 3 4 0 0 0 1", "start x"),
+        ("0 a 4 3 0 3 0 0 1", "start y"),
+        ("0 a 4 3 0 0 4 0 1", "goal x"),
+        ("0 a 4 3 0 0 0 3 1", "goal y"),
+        ("0 a 0 3 0 0 0 0 1", "start x"),
+        ("0 a 9999999999 3 0 0 0 0 1", "width"),
+        ("0 a 4 9999999999 0 0 0 0 1", "height"),
+        ("0 a 4 3 0 0 0 0 nan", "length"),
+        ("0 a 4 3 0 0 0 0 1e999", "length"),
+        ("0 a 4 3 0 0 0 0", "number of fields"),
+        ("-1 a 4 3 0 0 0 0 1", "bucket"),
+    ):
         (tmp_path / "a.scen").write_text(f"version 1\n{row}\n")
         with pytest.raises(BadScenario) as caught:
             load_scen(tmp_path / "a.scen")
         assert caught.value.field == field and "line 2" in caught.value.where
+    (tmp_path / "a.scen").write_text("version 1.0 \n\n3\ta map.map\t4\t3\t3\t2\t0\t1\t4.5e0\t\n0 b 4 3 0 0 0 0 1\n")
+    first, second = load_scen(tmp_path / "a.scen", limits=Limits(rows=3))
+    assert first == (3, "a map.map", 4, 3, (2, 3), (1, 0), 4.5) and second.map == "b"
+    with pytest.raises(TooLarge, match="rows"):
+        load_scen(tmp_path / "a.scen", limits=Limits(rows=2))
+    with pytest.raises(BadParameter, match="limits"):
+        load_scen(tmp_path / "a.scen", limits=3)  # type: ignore[arg-type]
+    (tmp_path / "a.scen").write_text("version 2\n")
+    with pytest.raises(BadScenario, match="version 1"):
+        load_scen(tmp_path / "a.scen")
+    for field in ("cells", "rows"):
+        with pytest.raises(BadParameter, match=field):
+            Limits(**{field: 0})
 
 
 @needs_data

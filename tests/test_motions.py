@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from antway import BadParameter, BadScenario, Grid, World
 from antway.world.motions import BackAndForth, Bounce, Draw, Line, Pursue, RandomWalk, Replay, Waypoints
+from antway.world.timeline import Timeline
 from antway.world.world import Obstacle
 from common import cases
 from naive.world import wall_distance
@@ -141,6 +143,35 @@ def test_wrong_motions_are_refused(make, field: str) -> None:
         make()
 
 
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"id": [7, 7]}, "timeline.id"),
+        ({"id": [7]}, "timeline.radius.shape"),
+        ({"radius": [0.3, 0.0]}, "timeline.radius"),
+        ({"radius": [math.nan, 0.3]}, "timeline.radius"),
+        ({"radius": [0.3, math.inf]}, "timeline.radius"),
+        ({"knot_xy": [(0, 0), (1, 0)]}, "timeline.knot_xy.shape"),
+        ({"knot_xy": [(0, 0), (1, 0), (5, math.inf)]}, "timeline.knot_xy"),
+        ({"knot_t": [0.0, 1.0, math.nan]}, "timeline.knot_xy"),
+        ({"knot_t": [0.0, 0.0, 0.0]}, "timeline.knot_t"),
+        ({"first": [0, 3]}, "timeline.first.shape"),
+        ({"first": [1, 2, 3]}, "timeline.first"),
+        ({"first": [0, 1, 2]}, "timeline.first"),
+        ({"first": [0, 3, 3]}, "timeline.first"),
+    ],
+)
+def test_a_timeline_whose_parts_do_not_fit_is_refused(change, field: str) -> None:
+    """Two discs, of which the second has one knot; the error names the array. What is sound is read-only."""
+    parts = {"id": [7, 9], "radius": [0.3, 0.4], "knot_t": [0, 1, 0], "knot_xy": [(0, 0), (1, 0), (5, 5)], "first": [0, 2, 3]}
+    line = Timeline(**parts)  # type: ignore[arg-type]
+    assert line.at(0.5)[0].tolist() == [[0.5, 0.0], [5.0, 5.0]] and line.knot_t.dtype == np.float64
+    assert not any(getattr(line, name).flags.writeable for name in parts)
+    with pytest.raises(BadScenario) as wrong:
+        Timeline(**(parts | change))  # type: ignore[arg-type]
+    assert wrong.value.field == field
+
+
 def test_numbers_at_the_limits_are_motions() -> None:
     """The least and the greatest number of each kind, and a span of one number."""
     Line((-1e10, 0), (1e10, 0), 1000.0, (1e9, 1e9))
@@ -161,7 +192,7 @@ def test_waypoints_are_where_a_walk_along_them_leads() -> None:
         motion = Waypoints(tuple(map(tuple, points.tolist())), speed, loop, pause, phase)
         line = trajectory(motion, horizon=50.0)
         round_trip = [*points, points[0]] if loop else list(points)
-        legs = [(a, b, math.dist(a, b) / speed) for a, b in zip(round_trip, round_trip[1:])]
+        legs = [(a, b, math.dist(a, b) / speed) for a, b in pairwise(round_trip)]
         period = sum(time + pause for *_, time in legs)
         for t in rng.uniform(0.0, 50.0, 20).tolist():
             left, place = t, points[0]

@@ -79,7 +79,8 @@ def load_scen(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> list[Sc
 
 
 def _row(line: str, where: str) -> ScenRow:
-    parts = line.strip("\t ").split("\t") if line.count("\t") == 8 else line.split()
+    line = line.strip("\t ")
+    parts = line.split("\t") if line.count("\t") == 8 else line.split()
     if len(parts) != 9:
         allowed = "9: bucket, map, width, height, start x, y, goal x, y, length"
         raise BadScenario("number of fields", len(parts), allowed, where=where)
