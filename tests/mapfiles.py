@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import random
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -83,3 +84,18 @@ def spoil(data: bytes, others: list[bytes], dice: random.Random) -> bytes:
                 i = dice.choice(digits)
                 spoilt[i : i + 1] = dice.choice([b"-7", b"1e30", b"65536", b"50000", b"NaN", b"0"])
     return bytes(spoilt)
+
+
+def png(kind: int, depth: int, pixels: bytes, size: tuple[int, int] = (2, 1), **more: bytes) -> bytes:
+    """A PNG of one line of pixels, with `more` chunks."""
+    parts = {"IHDR": struct.pack(">IIBBBBB", *size, depth, kind, 0, 0, 0), **more}
+    parts |= {"IDAT": zlib.compress(b"\0" + pixels), "IEND": b""}
+    chunks = [(name.encode(), data) for name, data in parts.items()]
+    packed = (struct.pack(">I", len(d)) + n + d + struct.pack(">I", zlib.crc32(n + d)) for n, d in chunks)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(packed)
+
+
+def npy(descr: str = "|b1", order: bool = False, shape: str = "(1, 2)", data: bytes = b"\0\1", version: int = 1) -> bytes:
+    """An array file."""
+    head = f"{{'descr': '{descr}', 'fortran_order': {order}, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY" + bytes([version, 0]) + struct.pack("<H" if version == 1 else "<I", len(head)) + head + data
