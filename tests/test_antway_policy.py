@@ -631,6 +631,14 @@ def test_nothing_is_compiled_for_a_rehearsal(monkeypatch: pytest.MonkeyPatch) ->
         rehearsal.rehearse(lambda **options: pytest.fail("a policy was made"), robot)
 
 
+@pytest.mark.skipif(jit.PLAIN, reason="nothing is compiled")
+def test_no_cycle_waits_for_the_kernel_that_noisy_places_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tracker loads the kernel that doubts its estimates, before innovations show that places are noisy."""
+    monkeypatch.setattr(jit, "_entries", {})
+    tracker_module.Tracker()
+    assert tracker_module.kalman.raise_variances in jit._entries
+
+
 @pytest.mark.parametrize("robot", ["holonomic", "diff"])
 def test_a_policy_can_be_pickled_in_an_episode(robot: str) -> None:
     """The copy gives the same commands as the policy itself."""

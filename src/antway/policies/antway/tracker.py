@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from antway.kernels.base.arrays import Bools, Floats, Ints
-from antway.kernels.base.jit import call
+from antway.kernels.base.jit import call, entry
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import averages, changes, kalman, noise, reported
 from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
@@ -47,6 +47,8 @@ class Tracker:
         self.doubts_velocities = False  # whether the reported velocities are not used, because they do not predict places
         self._forget()
         self._next_id = FIRST_OWN_ID
+        # The kernel is loaded now, because to compile it when places turn out to be noisy would delay that cycle by 0.2 s.
+        entry(kalman.raise_variances, *self.table[:2], self._largest, self._largest)
 
     def corrected(self, seen: Observation) -> Observation:
         """Return the observation with an id for each track (`with_ids`), and without velocities that are wrong.
