@@ -46,7 +46,7 @@ def drive(robot: RobotSpec) -> EpisodeResult:
     return run(Scenario(hall, (0.5, 0.5), (9.0, 0.5), robot, horizon=4.0), Straight())
 
 
-def bent(trace: Trace, field: str, change: float, row: int = 20) -> dict[str, Any]:
+def bent(trace: Trace, field: str, change: float | np.ndarray, row: int = 20) -> dict[str, Any]:
     values = np.array(getattr(trace, field))
     values[row] += change
     return {field: values}
@@ -210,6 +210,56 @@ def test_results_that_contradict_their_trace_are_refused() -> None:
     for field, value in {"time": "3", "length": None, "min_clearance": None}.items():
         with pytest.raises(InvalidPlan, match=f"{field} .* is not of type float"):
             check_episode(replace(result, **{field: value}))
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        RobotSpec(v_max=20.0, a_max=20.0, dt=0.5),
+        RobotSpec(v_max=20.0, a_max=20.0, dt=0.5, drive="differential"),
+        RobotSpec(v_max=4.0, a_max=4.0, dt=1.0, footprint=((-0.4, -0.3), (0.4, -0.3), (0.4, 0.3), (-0.4, 0.3))),
+    ],
+    ids=["disc", "wheels", "footprint"],
+)
+def test_the_least_distance_is_that_between_samples(robot: RobotSpec) -> None:
+    """A fast robot passes somebody far between two samples; no figure may be wrong by more than its tolerance."""
+
+    class Hurries(Straight):
+        def act(self, o) -> Command:
+            return Command((robot.v_max, 0.0), (robot.v_max, 0.0))
+
+    hall = Grid(np.zeros((10, 100), dtype=bool))
+    for k in range(cases(5, 100)):
+        stands = (41.3 + 0.7 * k, 5.7)
+        world = World(hall, (Obstacle(0.05, Line(stands, stands, 0.0)), Obstacle(0.1, Line((90.0, 6.0), (2.0, 5.8), 3.0))))
+        result = run(Scenario(world, (3.0, 5.0), (97.0, 5.0), robot, horizon=30.0), Hurries())
+        assert result.reached
+        check_episode(result)
+        for field, off in (("min_clearance", 2e-4), ("min_clearance", -2e-4), ("time", 5e-5), ("length", -5e-5)):
+            with pytest.raises(InvalidPlan, match=f"^states {field} [^;]*$"):
+                check_episode(replace(result, **{field: getattr(result, field) + off}))
+    empty = replace(result.trace, **without_rows(result.trace, 1), outcome=Outcome.ERROR)
+    check_episode(empty)
+
+
+@pytest.mark.parametrize("kind", ["holonomic", "differential", "ackermann"])
+def test_speeds_are_exact_however_quickly_they_change(kind: str) -> None:
+    """Ramps of a millisecond end amid a small step, and no speed may be off by 1 % for that."""
+    robot = RobotSpec(drive=kind, a_max=1000.0, brake_max=700.0, alpha_max=900.0, turning_radius=0.5 * (kind == "ackermann"))
+
+    class Swerves(Straight):
+        def act(self, o) -> Command:
+            speed = 0.3 + 0.7 * (round(10.0 * o.t) % 3 == 0)
+            return Command((speed, 0.5 - speed), (speed, 0.9 - speed))
+
+    hall = World(Grid(np.zeros((20, 20), dtype=bool)))
+    trace = run(Scenario(hall, (9.0, 9.0), (19.0, 9.0), robot, horizon=4.0), Swerves()).trace
+    check_episode(trace)
+    for row in (7, 8, -1):
+        ahead = 0.01 * np.array((math.cos(trace.heading[row]), math.sin(trace.heading[row])))
+        for field, off in (("velocity", ahead), ("velocity", -ahead), *((("turn_rate", 0.01),) if robot.wheels else ())):
+            with pytest.raises(InvalidPlan, match="a speed is not what its command leads to"):
+                check_episode(replace(trace, **bent(trace, field, off, row)))
 
 
 @pytest.mark.parametrize("rates", [{}, {"a_max": 1.0}], ids=["at-once", "inertia"])

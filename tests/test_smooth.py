@@ -338,6 +338,26 @@ def test_walls_are_checked_between_knots() -> None:
         check_motion(beside, long, turns)
 
 
+def test_a_body_beside_its_centre_of_rotation_is_what_must_be_free() -> None:
+    """A boom a metre ahead may not begin amid a block; where its centre of rotation is, there may be a block."""
+    blocked = np.zeros((60, 100), dtype=bool)
+    blocked[10:50, 30:60] = True
+    boom = RobotSpec(a_max=1.0, footprint=((1.0, -0.1), (1.3, -0.1), (1.3, 0.1), (1.0, 0.1)))
+    for turn in (0.0, 0.7):
+        about = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+        grid = Grid(blocked, 0.1, (0.0, 0.0, turn))
+        for x, legal in ((2.95, False), (5.5, True)):
+            for motion in (moved(0.2, np.array([0.0, -0.01]), np.zeros(2)), moved(0.2, np.zeros(1), np.zeros(1))):
+                there = (motion.xy - motion.xy[0] + (x, 3.0)) @ about
+                motion = Motion(motion.t, there, motion.heading + turn, motion.velocity, motion.turn_rate)
+                try:
+                    check_motion(grid, boom, motion)
+                    faults = ""
+                except InvalidPlan as error:
+                    faults = str(error)
+                assert ("begins in a wall" in faults) != legal and ("wall" in faults) != legal, (turn, x, faults)
+
+
 def test_bodies_of_millimetres_do_not_pass_walls_unseen() -> None:
     """Neither through a wall that is thinner than a step, nor past a corner; sliding along a wall touches nothing."""
     blocked = np.zeros((40, 60), dtype=bool)

@@ -153,7 +153,7 @@ def _poses(robot: RobotSpec, motion: Motion, step: NDArray[np.int64], after: Flo
 def _wall_faults(grid: Grid, robot: RobotSpec, motion: Motion) -> Iterator[str]:
     """Halve steps until in none of them a point of the body can reach a wall from the gaps at both ends and return."""
     walls, n = _Walls(grid, robot), len(motion.t)
-    if walls.inside(motion.xy[0]):
+    if walls.inside(motion.xy[0], motion.heading[0]):
         yield "begins in a wall"
         return
     gap = walls.gaps(np.column_stack((motion.xy, motion.heading)))
@@ -205,9 +205,12 @@ class _Walls:
         thin = self.rounding or math.inf  # a disc in a wall is no deeper in it than its radius
         self.contact, self.unseen = min(_NEAR, thin / 4.0), min(_UNSEEN, thin / 4.0, self.size / 4.0)
 
-    def inside(self, xy: Floats) -> bool:
-        """Tell whether a point is in a blocked cell or off the map."""
-        (row, col), shape = np.floor(self.grid.to_points(xy)[0] + 0.5).astype(int), self.grid.shape
+    def inside(self, xy: Floats, heading: float) -> bool:
+        """Tell whether the middle of the body, which need not be its centre of rotation, is in a wall or off the map."""
+        x, y = self.corners.mean(axis=0)
+        c, s = math.cos(heading), math.sin(heading)
+        middle = xy + np.array((c * x - s * y, s * x + c * y))
+        (row, col), shape = np.floor(self.grid.to_points(middle)[0] + 0.5).astype(int), self.grid.shape
         return not (0 <= row < shape[0] and 0 <= col < shape[1]) or bool(self.grid.blocked[row, col])
 
     def gaps(self, poses: Floats) -> Floats:

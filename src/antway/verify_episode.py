@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from antway.errors import BadParameter, InvalidPlan
 from antway.verify import number_faults
-from antway.verify_motion import REST, Again, array_faults, dynamic_faults, last_gaps
+from antway.verify_motion import CLOSE, REST, Again, array_faults, dynamic_faults, last_gaps
 from antway.verify_steps import step_faults, step_gaps
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def _figure_faults(result: EpisodeResult, again: Again) -> list[str]:
     stepwise = trace.task.robot.stepwise
     gap = step_gaps(trace) if stepwise else again.gaps
     least = float(gap.min()) if gap.size else math.inf
-    slack = _NEAR if stepwise else 1e-4  # for gaps that are sampled
+    sampled = {} if stepwise else {"min_clearance": CLOSE}
     length = math.fsum(math.dist(a, b) for a, b in pairwise(trace.xy.tolist()))
     figures = {
         "time": (result.time, float(trace.t[-1])),
@@ -188,7 +188,11 @@ def _figure_faults(result: EpisodeResult, again: Again) -> list[str]:
     paths = [decision.path for _, decision in trace.decisions if decision.path is not None]
     figures["waits"] = (result.waits, int(rests[:1].sum() + (rests[1:] & ~rests[:-1]).sum()))
     figures["replans"] = (result.replans, sum(a is not b for a, b in pairwise(paths)))
-    faults = [f"states {name} {a!r} but has {b!r}" for name, (a, b) in figures.items() if a != b and not abs(a - b) <= slack]
+    faults = [
+        f"states {name} {a!r} but has {b!r}"
+        for name, (a, b) in figures.items()
+        if a != b and not abs(a - b) <= sampled.get(name, _NEAR)
+    ]
     faults += [
         f"states {name} {getattr(result, name)!r}, and its trace {getattr(trace, name)!r}"
         for name in ("outcome", "seed", "reason", "rounds", "config")

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 REST = 1e-9  # m/s, rad/s; slower robots and commands are at rest, and keep their heading
 _NEAR = 1e-6  # m, m/s, rad; tolerance of the rules
 _SLACK = 1e-5  # m; tolerance of gaps, and depth of a contact that may go unseen between samples
+CLOSE = 1e-4  # m; tolerance of the smallest distance of an episode, which is computed from samples
 _EVEN = 1e-9  # m^2/s^2; a ramp at nearly a right angle to the command counts as braking
-_STEPS = 100  # least number of steps in each part of a cycle: before and after the delayed command acts
+_STEPS = 100, 2000  # least and largest number of steps in each part of a cycle: before and after the delayed command acts
 
 Floats = NDArray[np.float64]
 State = tuple[Floats, Floats, Floats, Floats, Floats]  # x, y (m), heading (rad), and (v, omega) of wheels or else (vx, vy)
@@ -88,9 +89,8 @@ def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
         asked[~np.isfinite(asked).all(axis=1)] = 0.0
         if part == 0 and late <= 1e-9 * spec.dt:
             continue
-        knots = np.linspace(0.0, time, _STEPS + 1, axis=1)
-        if wheels:
-            knots = np.sort(np.hstack((knots, _bends(state[3], asked, spec, time))), axis=1)
+        bends = (_bends if wheels else _bend)(state, asked, spec, time)
+        knots = np.sort(np.hstack((np.linspace(0.0, time, _steps(spec) + 1, axis=1), bends)), axis=1)
         for h in np.diff(knots).T:
             state, t = drive(state, asked, spec, h), t + h
             times.append(t)
@@ -117,20 +117,27 @@ def _nearer(v: Floats, target: Floats, growth: float, fall: float, h: Floats) ->
     return result
 
 
-def _bends(v: Floats, asked: Floats, spec: RobotSpec, time: Floats) -> Floats:
-    """Return the times at which the ramps of the speed reach 0 and end, float64[N, 2] s, at most `time`.
+def _steps(spec: RobotSpec) -> int:
+    """Return the number of small steps, of which each is within 13 micrometres of its chord if they are not the most."""
+    bend = spec.v_max * spec.turn_rate * (spec.drive != "holonomic") + _finite(spec.a_max) + _finite(braking(spec))
+    return math.ceil(min(max(100.0 * spec.dt * math.sqrt(bend), _STEPS[0]), _STEPS[1]))
 
-    The steering of a car keeps |omega| <= |v| / turning_radius. Between these times both this bound and the ramp of omega are
-    linear in time, so that steps that end at them are exact.
+
+def _bends(state: State, asked: Floats, spec: RobotSpec, time: Floats) -> Floats:
+    """Return the times at which the ramps of wheels' speed reach 0 and end, and that of their turn rate ends, float64[N, 3] s.
+
+    They are at most `time`. The steering of a car keeps |omega| <= |v| / turning_radius. Between these times both this bound
+    and the ramp of omega are linear in time, so that steps that end at them give exact speeds.
     """
-    brake = braking(spec)
+    v, brake = state[3], braking(spec)
     target = np.clip(asked[:, 0], -spec.v_reverse, spec.v_max)
     through = v * target < 0.0
     falls = through | (np.abs(target) < np.abs(v))
     zero = np.where(through, np.abs(v) / brake, 0.0)
     zero = np.where(np.abs(zero - time) < 1e-12, time, zero)  # at the end of its ramp a speed is 0 and does not change sign
     end = zero + np.where(through, np.abs(target) / spec.a_max, np.abs(target - v) / np.where(falls, brake, spec.a_max))
-    times: Floats = np.minimum(np.stack((zero, end), axis=1), time[:, None])
+    turned = np.abs(np.clip(asked[:, 1], -spec.turn_rate, spec.turn_rate) - state[4]) / spec.alpha_max
+    times: Floats = np.minimum(np.stack((zero, end, turned), axis=1), time[:, None])
     return times
 
 
@@ -158,24 +165,29 @@ def _roll(state: State, asked: Floats, spec: RobotSpec, h: Floats) -> State:
     return x, y, theta, v, w
 
 
-def _glide(state: State, asked: Floats, spec: RobotSpec, h: Floats) -> State:
-    """Drive a holonomic robot for h s: its velocity changes straight towards the commanded one."""
-    x, y, theta, vx, vy = state
-    brake = braking(spec)
+def _ramp(state: State, asked: Floats, spec: RobotSpec) -> tuple[Floats, Floats, Floats]:
+    """Return by how much a holonomic robot's velocity is to change, m/s along x and y, and how long that takes, s."""
+    vx, vy = state[3:]
     size = np.hypot(*asked.T)
     cx, cy = (asked * np.where(size > spec.v_max, spec.v_max / np.where(size > 0, size, 1.0), 1.0)[:, None]).T
-    for _ in range(4):
-        dx, dy = cx - vx, cy - vy
-        change = np.hypot(dx, dy)
-        rate = np.where(cx * dx + cy * dy <= _EVEN, brake, spec.a_max)
-        at_once = np.isinf(rate)
-        most = np.where(at_once, 0.0, rate) * h / 4
-        share = np.where(at_once | (change <= most), 1.0, most / np.where(change > 0, change, 1.0))
-        ux, uy = vx + dx * share, vy + dy * share
-        x = x + np.where(at_once, ux, (vx + ux) / 2) * h / 4
-        y = y + np.where(at_once, uy, (vy + uy) / 2) * h / 4
-        vx, vy = np.where(h > 0, ux, vx), np.where(h > 0, uy, vy)
-    return x, y, theta, vx, vy
+    dx, dy = cx - vx, cy - vy
+    return dx, dy, np.hypot(dx, dy) / np.where(cx * dx + cy * dy <= _EVEN, braking(spec), spec.a_max)
+
+
+def _bend(state: State, asked: Floats, spec: RobotSpec, time: Floats) -> Floats:
+    """Return the time at which the ramp of a holonomic robot's velocity ends, float64[N, 1] s, at most `time`."""
+    bend: Floats = np.minimum(_ramp(state, asked, spec)[2], time)[:, None]
+    return bend
+
+
+def _glide(state: State, asked: Floats, spec: RobotSpec, h: Floats) -> State:
+    """Drive a holonomic robot for h s: its velocity changes straight towards the commanded one, until `_bend` at most."""
+    x, y, theta, vx, vy = state
+    dx, dy, time = _ramp(state, asked, spec)
+    share = np.where(time > h, h / np.where(time > 0.0, time, 1.0), 1.0) * (h > 0.0)
+    ux, uy = vx + dx * share, vy + dy * share
+    half = np.where(time > 0.0, 0.5, 1.0)  # of the change acts throughout the step; what changes at once acts in full
+    return x + (vx + dx * share * half) * h, y + (vy + dy * share * half) * h, theta, ux, uy
 
 
 class Again:
@@ -199,10 +211,11 @@ def dynamic_faults(again: Again) -> Iterator[str]:
     """Yield where the trace does not follow limits and commands, and where the robot passes through something."""
     trace, (_, states, speeds) = again.trace, again.cycles
     spec, wheels = trace.task.robot, trace.task.robot.drive != "holonomic"
-    # A ramp that ends within one of the small steps is taken as one over the whole step.
-    turns = _finite(spec.alpha_max) * _finest(spec) ** 2 if wheels else 0.0
-    moves = _finite(max(spec.a_max, braking(spec))) * _finest(spec) ** 2 + spec.v_max * spec.dt * turns
-    if np.hypot(*(states[:, -1, :2] - trace.xy[1:]).T).max(initial=0.0) > 5 * _NEAR + moves:
+    turns = 0.0
+    if spec.turning_radius > 0.0:  # within a quarter of a small step the turn rate may meet the bound of the steering
+        bound = max(_finite(spec.a_max), _finite(braking(spec))) / spec.turning_radius  # how fast that changes, rad/s^2
+        turns = (_finite(spec.alpha_max) + bound) * (spec.dt / _steps(spec) / 4.0) ** 2
+    if np.hypot(*(states[:, -1, :2] - trace.xy[1:]).T).max(initial=0.0) > 5 * _NEAR + spec.v_max * spec.dt * turns:
         yield "a place is not where its command leads"
     turned = np.abs(angle(states[:, -1, 2] - trace.heading[1:])) > 5 * _NEAR + turns if wheels else not_along(trace)
     if turned.any():
@@ -230,27 +243,19 @@ def _speed_faults(trace: Trace, speeds: Floats) -> Iterator[str]:
         yield from exceeds("turns faster than turn_rate", np.abs(recorded[:, 1]), spec.turn_rate, trace.t, "rad/s")
     else:
         yield from exceeds("is faster than v_max", np.hypot(*recorded.T), spec.v_max, trace.t, "m/s")
-    # The last step may end anywhere within a ramp.
-    change = max(spec.a_max, braking(spec))
-    slack = _NEAR + _finest(spec) * np.array([_finite(change), _finite(spec.alpha_max if wheels else change)])
-    if (np.abs(speeds - recorded[1:]) > slack).any():
+    if (np.abs(speeds - recorded[1:]) > _NEAR).any():
         yield "a speed is not what its command leads to"
 
 
-def _finest(spec: RobotSpec) -> float:
-    """Return the time of the longest of the small steps, s."""
-    return spec.dt / _STEPS / 4
-
-
 def _finite(limit: float) -> float:
-    """Return a limit, or 0 if there is none: speeds that change at once are exact."""
+    """Return a limit, or 0 if there is none: speeds that change at once bend no step."""
     return limit if math.isfinite(limit) else 0.0
 
 
 def dynamic_gaps(trace: Trace, times: Floats, states: Floats) -> Floats:
-    """Return the smallest gap of robot and obstacle in each cycle, float64[N, K]: sampled, at the obstacle's knots, and closer.
+    """Return the gap of robot and obstacle in each cycle, float64[N, K], m: the least at samples and at the obstacle's knots.
 
-    Between samples it is looked at more closely where robot and obstacle could be in contact.
+    Between samples it is looked at more closely where the least one of the episode, or a contact, could be.
     """
     line, ends = trace.timeline, times[:, -1]
     gap, moves = np.empty((len(times), len(line))), _moves(trace, states)
@@ -269,7 +274,8 @@ def dynamic_gaps(trace: Trace, times: Floats, states: Floats) -> Floats:
 
         at = np.stack([np.interp(times, knots, places[:, axis]) for axis in (0, 1)], axis=-1)
         sampled = _body_distance(trace, states, at) - line.radius[k]
-        gap[:, k] = _least_within(sampled, moves + np.diff(np.interp(times, knots, travelled), axis=1), gaps, _tolerance(trace))
+        moved = moves + np.diff(np.interp(times, knots, travelled), axis=1)
+        gap[:, k] = _least_within(sampled, moved, gaps, _tolerance(trace), CLOSE / 2.0)
         for when, place in zip(knots, places):
             i = int(np.searchsorted(ends, when))
             if i < len(times) and when > times[i, 0]:
@@ -291,12 +297,15 @@ def _moves(trace: Trace, states: Floats) -> Floats:
     return far if spec.footprint is None else far + np.abs(step[..., 2]) * spec.radius
 
 
-def _least_within(gap: Floats, moves: Floats, gaps: Callable[[NDArray[np.int64], Floats], Floats], tolerance: float) -> Floats:
+def _least_within(
+    gap: Floats, moves: Floats, gaps: Callable[[NDArray[np.int64], Floats], Floats], tolerance: float, close: float
+) -> Floats:
     """Return the least gap in each cycle, float64[N], from those at its samples, float64[N, S], m.
 
-    The intervals between samples are halved until none is left in which the gap could be below -`tolerance`, m, because robot
-    and obstacle together move farther than the gaps at its ends: by `moves`, float64[N, S - 1], m, in a whole interval. `gaps`
-    returns the gap at a share in [0, 1] of an interval, which is given by the number of its first sample among all N S.
+    The intervals between samples are halved until there is a contact deeper than `tolerance`, m, or none is left in which such
+    a contact, or a gap smaller than the least one of all cycles by more than `close`, m, is possible. In a whole interval robot
+    and obstacle together move by `moves`, float64[N, S - 1], m. `gaps` returns the gap at a share in [0, 1] of an interval,
+    which is given by the number of its first sample among all N S.
     """
     least: Floats = gap.min(axis=1)
     samples = gap.shape[1]
@@ -305,7 +314,7 @@ def _least_within(gap: Floats, moves: Floats, gaps: Callable[[NDArray[np.int64],
     moved, before, beyond = moves.ravel(), gap[:, :-1].ravel(), gap[:, 1:].ravel()
     low, high = np.zeros(len(at)), np.ones(len(at))
     while least.min(initial=0.0) >= -tolerance:
-        open_ = moved * (high - low) - np.maximum(before, 0.0) - np.maximum(beyond, 0.0) > 2.0 * tolerance
+        open_ = (before + beyond - moved * (high - low)) / 2.0 < max(least.min(initial=math.inf) - close, -tolerance)
         moved, before, beyond, low, high = (one[open_] for one in (moved, before, beyond, low, high))
         at = at[open_]
         if not len(at):
@@ -324,7 +333,8 @@ def _wall_gap_within(trace: Trace, states: Floats) -> float:
     def gaps(at: NDArray[np.int64], share: Floats) -> Floats:
         return wall_gaps(trace, states[at] + (states[at + 1] - states[at]) * share[:, None])
 
-    return float(_least_within(wall_gaps(trace, states)[None], _moves(trace, states)[None], gaps, _tolerance(trace))[0])
+    gap, moves = wall_gaps(trace, states)[None], _moves(trace, states)[None]
+    return float(_least_within(gap, moves, gaps, _tolerance(trace), math.inf)[0])
 
 
 def _corners(trace: Trace) -> Floats:
