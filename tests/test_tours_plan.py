@@ -180,6 +180,10 @@ def closed_early(tour: TourPlan) -> TourPlan:
     return replace(tour, task=replace(tour.task, windows=windows))
 
 
+def off_the_map(leg: Plan) -> Plan:
+    return replace(leg, cells=np.vstack((leg.cells[:1], leg.cells[1:-1] + 1000, leg.cells[-1:])))
+
+
 def late(tour: TourPlan, **changes: object) -> TourPlan:
     return replace(tour, task=replace(tour.task, deadline=tour.duration / 2), **changes)
 
@@ -189,7 +193,12 @@ BROKEN: dict[str, Callable[[TourPlan], TourPlan]] = {
     r"leg 0 to stop . \(.\): ends at": exchanged,
     r"stop . \(.\) is not visited": lambda t: spoil(t, order=t.order[:-1], arrival=t.arrival[:-1], waiting=t.waiting[:-1]),
     r"visits stop 99, and there are 5": lambda t: spoil(t, order=np.r_[t.order[:-1], 99].astype(np.int32)),
-    r"5 stops, 5 arrivals and 4 times of waiting": lambda t: spoil(t, waiting=t.waiting[:-1]),
+    r"waiting has the shape \(4,\) in place of \(5,\)": lambda t: spoil(t, waiting=t.waiting[:-1]),
+    r"robot 0: arrival is no array of numbers": lambda t: spoil(t, arrival=t.arrival.astype(str)),
+    r"leg 0 .* is blocked or off the map.*leg 2 to .* length None": lambda t: replace(
+        spoil(t, legs=(off_the_map(t.legs[0]), t.legs[1], replace(t.legs[2], length=None), *t.legs[3:])),
+        task=replace(t.task, costs=np.ones(t.task.grid.shape)),
+    ),
     r"has 5 legs for 6 places": lambda t: spoil(t, legs=t.legs[:-1]),
     r"is no such move": through_a_wall,
     r"is no path": lambda t: spoil(t, legs=(Plan(Status.NO_PATH, t.legs[0].cells[:0], math.inf), *t.legs[1:])),
@@ -215,7 +224,9 @@ BROKEN: dict[str, Callable[[TourPlan], TourPlan]] = {
     r"gap 'a' is not of type float": lambda t: replace(t, gap="a"),
     r"robot 0: length None is not of type float": lambda t: spoil(t, length=None),
     r"robot 0 has legs that are no plans": lambda t: spoil(t, legs=(None, *t.legs[1:])),
-    r"skipped None is not of type tuple": lambda t: replace(t, skipped=None),
+    r"skipped None is no tuple of integers": lambda t: replace(t, skipped=None),
+    r"skipped \(None, 1\) is no tuple of integers": lambda t: replace(t, skipped=(None, 1)),
+    r"feasible 'yes' is not of type bool": lambda t: replace(t, feasible="yes"),
     r"is called feasible and is .* late": lambda t: late(t, lateness=t.duration / 2),
     r"is called infeasible and is never late": lambda t: replace(t, feasible=False),
     r"has a bound of 28.* cost contradict": lambda t: replace(t, bound=t.cost * 1.01),
@@ -341,6 +352,19 @@ def test_a_robot_without_stops_drives_to_the_end_too() -> None:
     routes = tuple(idle if i == k else route for i, route in enumerate(tour.routes))
     with pytest.raises(InvalidPlan, match=f"robot {k} has 0 legs for 1 places to go to"):
         check_tour(replace(tour, routes=routes, length=rest, cost=rest, bound=0.0, gap=math.inf))
+
+
+def test_sums_of_lengths_and_priorities_are_exact_however_long_a_tour_takes() -> None:
+    """Rounding of the times of a day is no reason for a priority of a thousandth to be wrong."""
+    tour = plan_tour(HALL, (0.5, 0.5), GOOD, priorities=[1e-3, 2e-3], service=1e5, cycles=5)
+    check_tour(tour)
+    for wrong, what in (
+        (replace(tour, length=tour.length * (1 + 1e-6)), "states a length"),
+        (replace(tour, collected=tour.collected * (1 + 1e-6)), "states a sum of priorities"),
+        (replace(tour, bound=tour.collected * (1 - 1e-6)), "priorities contradict"),
+    ):
+        with pytest.raises(InvalidPlan, match=what):
+            check_tour(wrong)
 
 
 def test_errors_call_stops_by_their_names() -> None:

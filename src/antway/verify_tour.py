@@ -13,6 +13,7 @@ from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Cell
 from antway.planning import Plan, Problem, Status
 from antway.verify import check_plan, number_faults
+from antway.verify_motion import array_faults
 
 if TYPE_CHECKING:
     from antway.tours.plan import Route, TourPlan
@@ -54,7 +55,7 @@ def check_tour(tour: TourPlan) -> None:
             late += lateness
             driven += times
             done.append(end)
-        faults += _sum_faults(tour, late, driven, max(done))
+        faults = faults or list(_sum_faults(tour, late, driven, max(done)))
     if faults:
         raise InvalidPlan(faults)
 
@@ -62,8 +63,10 @@ def check_tour(tour: TourPlan) -> None:
 def _type_faults(tour: TourPlan) -> list[str]:
     """Return which parts of a tour are not of their type; nothing else can be said of such a tour."""
     faults = number_faults(tour, "length", "duration", "cost", "lateness", "collected", "bound", "gap")
-    if not isinstance(tour.skipped, tuple):
-        faults.append(f"skipped {tour.skipped!r} is not of type tuple")
+    if not isinstance(tour.feasible, bool):
+        faults.append(f"feasible {tour.feasible!r} is not of type bool")
+    if not (isinstance(tour.skipped, tuple) and all(isinstance(stop, int) for stop in tour.skipped)):
+        faults.append(f"skipped {tour.skipped!r} is no tuple of integers")
     for k, route in enumerate(tour.routes):
         faults += [f"robot {k}: {fault}" for fault in number_faults(route, "length", "duration")]
         if not all(isinstance(leg, Plan) for leg in route.legs):
@@ -89,8 +92,8 @@ def _visit_faults(tour: TourPlan) -> Iterator[str]:
             elif stop in seen:
                 yield f"stop {stop} ({task.names[stop]}) is visited twice"
             seen.add(stop)
-        if len(route.arrival) != len(order) or len(route.waiting) != len(order):
-            yield f"robot {k} has {len(order)} stops, {len(route.arrival)} arrivals and {len(route.waiting)} times of waiting"
+        shapes = dict.fromkeys(("arrival", "waiting"), (len(order),))
+        yield from (f"robot {k}: {fault}" for fault in array_faults(route, shapes, ()))
         legs = len(order) + (task.end is not None)
         if len(route.legs) != legs:
             yield f"robot {k} has {len(route.legs)} legs for {legs} places to go to"
@@ -106,7 +109,7 @@ def _drive(tour: TourPlan, route: Route) -> tuple[list[str], float, float, float
     task, faults = tour.task, []
     free = task.grid.inflate(task.robot_radius)
     at, now, driven, late = free.cell_at(task.start), 0.0, 0.0, 0.0
-    targets: list[int | None] = [int(stop) for stop in route.order]
+    targets, broken = list[int | None](int(stop) for stop in route.order), False
     if task.end is not None:
         targets.append(None)
     for k, (stop, plan) in enumerate(zip(targets, route.legs)):
@@ -116,13 +119,16 @@ def _drive(tour: TourPlan, route: Route) -> tuple[list[str], float, float, float
         name = "the end" if stop is None else f"stop {stop} ({task.names[stop]})"
         try:
             check_plan(Problem(free, at, target, task.moves), plan)
+            why = "" if plan.status is Status.FOUND else f" is no path: {plan.status.value}"
         except InvalidPlan as error:
-            faults.append(f"leg {k} to {name}: {error}")
-        if plan.status is not Status.FOUND:
-            faults.append(f"leg {k} to {name} is no path: {plan.status.value}")
-            return faults, driven, now, late
+            why = f": {error}"
+        if why:
+            faults.append(f"leg {k} to {name}{why}")
+        at, broken = target, broken or bool(why)
+        if broken:
+            continue  # nothing can be said of times
         took = _time(tour, plan)
-        at, now, driven = target, now + took, driven + took
+        now, driven = now + took, driven + took
         if stop is None:
             continue
         earliest, latest = (float(t) for t in task.windows[stop])
@@ -133,6 +139,8 @@ def _drive(tour: TourPlan, route: Route) -> tuple[list[str], float, float, float
         now += waits
         late += max(0.0, now - latest)
         now += float(task.service[stop])
+    if broken:
+        return faults, driven, now, late
     late += max(0.0, now - task.deadline)
     for what, stated, true in (
         ("length", route.length, math.fsum(plan.length for plan in route.legs)),
@@ -155,25 +163,25 @@ def _time(tour: TourPlan, plan: Plan) -> float:
 
 def _sum_faults(tour: TourPlan, late: float, driven: float, done: float) -> Iterator[str]:
     """Yield the figures of the whole tour that its routes contradict."""
-    task, near = tour.task, _NEAR * (1.0 + done) * (1 + len(tour.task.stops))
+    task, near = tour.task, _NEAR * (1.0 + done) * (1 + len(tour.task.stops))  # s
     worth = 0.0
     if task.priorities is not None:
         worth = math.fsum(float(task.priorities[stop]) for route in tour.routes for stop in route.order)
-    for what, stated, true in (
-        ("length", tour.length, math.fsum(route.length for route in tour.routes)),
-        ("duration", tour.duration, done),
-        ("cost", tour.cost, done if task.objective == "makespan" else driven),
-        ("lateness", tour.lateness, late),
-        ("sum of priorities", tour.collected, worth),
+    for what, stated, true, slack in (
+        ("length", tour.length, math.fsum(route.length for route in tour.routes), 0.0),
+        ("duration", tour.duration, done, near),
+        ("cost", tour.cost, done if task.objective == "makespan" else driven, near),
+        ("lateness", tour.lateness, late, near),
+        ("sum of priorities", tour.collected, worth, 0.0),
     ):
-        if not math.isclose(stated, true, rel_tol=_NEAR, abs_tol=near):
+        if not math.isclose(stated, true, rel_tol=_NEAR, abs_tol=slack):
             yield f"states a {what} of {stated!r}; it is {true!r}"
     if tour.feasible and late > near:
         yield f"is called feasible and is {late!r} s late"
     if not tour.feasible and late == 0.0:
         yield "is called infeasible and is never late"
-    best, least = (tour.bound, tour.collected) if task.priorities is not None else (tour.cost, tour.bound)
-    if math.isnan(tour.bound) or tour.bound < 0 or (tour.feasible and least > best * (1 + _NEAR) + near):
+    best, least, slack = (tour.bound, tour.collected, 0.0) if task.priorities is not None else (tour.cost, tour.bound, near)
+    if math.isnan(tour.bound) or tour.bound < 0 or (tour.feasible and least > best * (1 + _NEAR) + slack):
         yield f"has a bound of {tour.bound!r} that its own {'priorities' if task.priorities is not None else 'cost'} contradict"
     gap = 0.0 if best <= least else best / least - 1.0 if least > 0.0 else math.inf
     if not math.isclose(gap, tour.gap, rel_tol=_NEAR, abs_tol=_NEAR):
