@@ -212,6 +212,26 @@ def test_results_that_contradict_their_trace_are_refused() -> None:
             check_episode(replace(result, **{field: value}))
 
 
+def test_a_bar_that_turns_strikes_posts_between_samples() -> None:
+    """Its end moves by centimetres from sample to sample, and bar and post are a fifth of a millimetre thick."""
+    bar = RobotSpec(
+        drive="differential", footprint=((0.0, -1e-4), (1.0, -1e-4), (1.0, 1e-4), (0.0, 1e-4)), turn_rate=6.0, dt=1.0
+    )
+
+    class Spins(Straight):
+        def act(self, o) -> Command:
+            return Command(twist=(0.0, 6.0))
+
+    hall = World(Grid(np.zeros((20, 40), dtype=bool), 0.25))
+    trace = run(Scenario(hall, (2.0, 2.0), (8.0, 2.0), bar, horizon=1.0), Spins()).trace
+    check_episode(trace)
+    for k in range(8):
+        x, y = 2.0 + 0.9 * math.cos(1.0 + k / 300.0), 2.0 + 0.9 * math.sin(1.0 + k / 300.0)
+        stands = Timeline.of([7], [1e-4], [([0.0], [(x, y)])])
+        with pytest.raises(InvalidPlan, match="passes through obstacle 7 in step 0"):
+            check_episode(replace(trace, timeline=stands, sensed=np.zeros((len(trace.t), 1), dtype=bool)))
+
+
 @pytest.mark.parametrize(
     "robot",
     [

@@ -163,6 +163,7 @@ def test_motions_begin_and_end_at_rest_upon_their_heading() -> None:
         assert faults(ROOM, box, replace(glides, **{field: array})) == (
             "turns, and a holonomic robot with a footprint keeps its heading",
         )
+        array = array - 0.5 * (np.arange(len(array)) == 2)  # a disc may point anywhere
         assert faults(ROOM, replace(box, footprint=None), replace(glides, **{field: array})) == ()
 
 

@@ -6,6 +6,8 @@ import itertools
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +17,11 @@ from antway import BadInput, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, Wo
 from antway.kernels.colony.held_karp import earliest_of_few
 from antway.policies.guard import Guard, Guarded
 from antway.scenes import scene
+from antway.verify_episode import rounds_faults
 from antway.world.episode import Episode
 from antway.world.motions import Line, Replay
 from antway.world.order_planner import MANY, nearest_cell
-from antway.world.policy import Tracks, make_policy
+from antway.world.policy import Task, Tracks, make_policy
 from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import save_scenario
 from antway.world.sensor import Sensor
@@ -171,6 +174,19 @@ def test_check_episode_names_what_is_wrong_with_rounds() -> None:
             check_episode(replace(trace, rounds=wrong(trace.rounds)))
     for horizon in (1.0, 8.0):  # before the first stop is visited the robot is at its goal, where it started, and goes on
         check_episode(run(hall(stops=FOUR, horizon=horizon), "follow", seed=1))
+
+
+def test_time_at_a_stop_before_it_opens_is_no_service() -> None:
+    """A robot that waits for 3 s, is then 2 m away for 2 s and comes back has not been served for 3 s."""
+    stop, home = Stop((4.0, 5.0), "ward", window=(10.0, 60.0), service=3.0), (1.0, 1.0)
+    t = np.arange(0.0, 20.0, 0.1)
+    for leaves, legal in ((10.0, False), (13.0, True)):
+        xy = np.where((np.abs(t - leaves - 1.05) < 1.0)[:, None], (4.0, 3.0), stop.at)
+        rounds = Rounds((stop,), (Visit(0, 7.0, 10.0, 13.0),))
+        task = Task(hall(stops=()).world.grid, RobotSpec(), home, home)
+        trace: Any = SimpleNamespace(t=t, xy=xy, rounds=rounds, task=task, outcome=Outcome.TIMEOUT)
+        found = list(rounds_faults(trace))
+        assert found == ([] if legal else ["stop 0 (ward): is not near for as long as the service takes"])
 
 
 def test_a_door_that_closes_turns_the_order() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 
@@ -283,6 +284,12 @@ def test_the_check_rejects_drift_spin_and_reversals_within_a_step() -> None:
         check_motion(
             room, ROBOTS["diff"], Motion(motion.t, motion.xy, motion.heading + math.pi, motion.velocity, motion.turn_rate)
         )
+    for miss, legal in ((0.9, True), (1.1, False)):  # of 1 % of 8 m and of a millimetre, in all
+        v = np.minimum(np.arange(1001), np.arange(1001)[::-1]).clip(max=100) / 100
+        x = np.append(0.0, np.cumsum(v[1:] + v[:-1]) * 0.5e-2)
+        drifts = moved(0.01, x + miss * (0.01 * x[-1] + 1e-3) * np.arange(1001) / 1000, v)
+        with nullcontext() if legal else pytest.raises(InvalidPlan, match="velocities lead"):
+            check_motion(Grid(np.zeros((10, 20), dtype=bool)), ROBOTS["inertia"], drifts)
     slow = moved(0.01, 1e-5 * np.arange(2001), still)
     with pytest.raises(InvalidPlan, match="velocities lead"):
         check_motion(room, ROBOTS["inertia"], slow)
@@ -395,6 +402,14 @@ def test_a_body_does_not_drift_over_a_wall() -> None:
     )
     with pytest.raises(InvalidPlan, match=r"touches a wall at 0\.05 s"):
         check_motion(grid, slow, jump)
+    blocked = np.zeros((40, 4100), dtype=bool)
+    blocked[12, 3960] = True  # at 0.49 mrad from the place of the bar
+    thin = RobotSpec(drive="differential", footprint=((0.0, -1e-4), (1.0, -1e-4), (1.0, 1e-4), (0.0, 1e-4)))
+    still = np.zeros((2, 2))
+    turn = Motion(np.array([0.0, 0.1]), np.full((2, 2), 2.7e-3), np.array([0.0, 9.8e-4]), still, np.zeros(2))
+    check_motion(Grid(np.roll(blocked, 5, axis=0), 2.5e-4), thin, turn)
+    with pytest.raises(InvalidPlan, match=r"touches a wall at 0\.05 s"):
+        check_motion(Grid(blocked, 2.5e-4), thin, turn)
 
 
 def test_the_command_smooths(tmp_path) -> None:

@@ -248,11 +248,9 @@ def _visit_faults(trace: Trace, visit: Visit) -> Iterator[str]:
     if visit.end - visit.start < stop.service - _NEAR:
         yield f"is served for {visit.end - visit.start:g} s in place of {stop.service:g} s"
     rows = (trace.t >= visit.arrival - _NEAR) & (trace.t <= visit.end + _NEAR)
-    away = np.hypot(*(trace.xy[rows] - np.array(stop.at)).T)
+    t, away = trace.t[rows], np.hypot(*(trace.xy[rows] - np.array(stop.at)).T)
+    served = np.clip(t - visit.start, 0.0, trace.task.robot.dt)  # s; in the period before each row, if the robot is near then
     if not len(away) or away[0] > trace.task.goal_tolerance + _NEAR:
         yield f"is {away[0] if len(away) else math.inf:g} m away when it arrives"
-    elif (
-        stop.service > 0.0
-        and trace.task.robot.dt * (away <= 2 * trace.task.goal_tolerance + _NEAR).sum() < stop.service - _NEAR
-    ):
+    elif served[away <= 2 * trace.task.goal_tolerance + _NEAR].sum() < stop.service - _NEAR:
         yield "is not near for as long as the service takes"
