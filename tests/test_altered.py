@@ -315,6 +315,8 @@ def test_contacts_between_samples_are_seen(kind: str) -> None:
             check_episode(replace(trace, task=replace(trace.task, grid=replace(grid, blocked=blocked))))
         when = 0.35 + 2e-4 * k
         x = float(np.interp(when, trace.t, trace.xy[:, 0]))
+        was_there = Timeline.of([7], [1e-4], [([-1.0, -0.5], [trace.xy[0], (0.1, 0.1)])])
+        check_episode(replace(trace, timeline=was_there, sensed=np.zeros((len(trace.t), 1), dtype=bool)))
         flies = Timeline.of([7], [1e-4], [([when - 0.1, when + 0.1], [(x, -0.1), (x, 0.11)])])
         with pytest.raises(InvalidPlan, match="passes through obstacle 7 in step 3"):
             check_episode(replace(trace, timeline=flies, sensed=np.zeros((len(trace.t), 1), dtype=bool)))

@@ -118,6 +118,17 @@ def test_robots_of_every_kind_pass_the_check() -> None:
         check_episode(run(hall(rng, slides, 0), Wanderer(), seed=seed))
 
 
+@pytest.mark.parametrize("radius", [0.0, 0.05])
+def test_a_speed_that_is_0_at_the_end_of_a_period_changes_its_sign_in_the_next(radius: float) -> None:
+    """Of a car the bound of its steering is 0 at that time, too, and ended the ramp a rounding error before the period."""
+    drive = "ackermann" if radius else "differential"
+    robot = RobotSpec(drive=drive, turning_radius=radius, brake_max=1.0, v_reverse=0.1, dt=0.05, alpha_max=1e3)
+    for k in range(-50, 50):
+        state = RobotState(0.0, 0.0, 0.0, 0.05 + 1e-17 * k, 0.0)
+        assert abs(drive_cycle(state, -0.06, 0.0, robot.limits, robot.dt).a) < 1e-9, k
+        assert drive_cycle(state, -0.06, 0.0, robot.limits, 1.001 * robot.dt).a == -0.06, k
+
+
 class Predicts(Wanderer):
     """A wanderer that notes in which state it is told to be when its command begins to act."""
 

@@ -67,9 +67,9 @@ def wheels_segment(
     Returns its length h in s; v0, a, w0 and b, so that on it v = v0 + a t and omega = w0 + b t; and both at its end, without
     rounding errors: exactly the value that ended it.
     """
+    if limits.a_max == math.inf and left < _AT_END:
+        return left, v, 0.0, omega, 0.0, v, omega
     v0, a, v_end, time = ramp(v, cv, limits.a_max, limits.brake_max)
-    if limits.a_max == math.inf and abs(time - left) < _AT_END:
-        time = left
     h = min(time, left)
     car = limits.drive == ACKERMANN and limits.turning_radius > 0.0
     if car:  # a speed that jumps limits the steering at once
