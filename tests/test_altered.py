@@ -300,10 +300,10 @@ def test_a_contact_that_is_called_an_error_is_refused(rates: dict[str, float]) -
             check_episode(replace(trace, outcome=outcome, config={**trace.config, "horizon": horizon}))
 
 
-@pytest.mark.parametrize("kind", ["differential", "holonomic"])
-def test_contacts_between_samples_are_seen(kind: str) -> None:
+@pytest.mark.parametrize(("kind", "radius"), [("differential", 1e-4), ("holonomic", 1e-4), ("holonomic", 4e-6)])
+def test_contacts_between_samples_are_seen(kind: str, radius: float) -> None:
     """A robot of a fifth of a millimetre passes neither a wall nor an obstacle as thin, wherever the check takes samples."""
-    small = RobotSpec(drive=kind, a_max=10.0, radius=1e-4, latency=0.1 if kind == "holonomic" else 0.0)
+    small = RobotSpec(drive=kind, a_max=10.0, radius=radius, latency=0.1 if kind == "holonomic" else 0.0)
     hall = World(Grid(np.zeros((40, 2000), dtype=bool), 2.5e-4))
     trace = run(Scenario(hall, (0.1, 0.005), (0.49, 0.005), small, horizon=0.4, goal_tolerance=0.001), Straight()).trace
     check_episode(trace)
@@ -371,7 +371,8 @@ def test_gaps_are_those_of_points_sampled_densely() -> None:
         along = np.linspace(0.0, 1.0, 2001)[:, None]
         places = xy[0] + along * (xy[1] - xy[0])
         expected = depth(grid, places) - robot.radius
-        assert min(wall_gap(trace, 0), size) == pytest.approx(min(expected, size), abs=1e-3 * size), case
+        near = 1e-9 if case % 10 == 0 else 1e-3 * size  # who stands is at one of the points
+        assert min(wall_gap(trace, 0), size) == pytest.approx(min(expected, size), rel=0.0, abs=near), case
         t = 0.2 + 0.8 * along[:, 0]
         there = np.column_stack([np.interp(t, [0.0, 0.3, 0.6, 1.5], knots[:, axis]) for axis in (0, 1)])
         turns = np.column_stack((xy, rng.uniform(-4.0, 4.0, 2)))

@@ -95,6 +95,17 @@ def test_a_disc_uses_its_limits_in_full_and_no_more(limit: str) -> None:
     assert limit in reason
 
 
+def test_a_ramp_square_to_its_end_brakes_in_any_direction() -> None:
+    """A velocity turned by 60 degrees and halved changes with as much as the robot brakes, whatever roundings say."""
+    robot = RobotSpec(a_max=1.0, brake_max=2.0)
+    for angle in np.arange(0.0, 6.2, 0.05).tolist():
+        far, near = ((v * math.cos(a), v * math.sin(a)) for v, a in ((0.8, angle), (0.4, angle + math.pi / 3.0)))
+        ends = 0.8, 0.8 + 0.2 * math.sqrt(3.0), 1.0 + 0.2 * math.sqrt(3.0)
+        motion = driven([(0.0, 0.0, 0.0), (ends[0], *far), (ends[1], *near), (ends[2], 0.0, 0.0)], False)
+        assert faults(ROOM, robot, motion) == (), angle
+        assert faults(ROOM, replace(robot, brake_max=1.99), motion) != (), angle
+
+
 @pytest.mark.parametrize("drive", ["differential", "holonomic"])
 def test_a_speed_at_rest_may_be_rounded(drive: str) -> None:
     """A robot that brakes in full does not begin to speed up the other way where its last speed is 1e-17 m/s below 0."""

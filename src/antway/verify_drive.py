@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid
-from antway.verify_motion import REST, array_faults, braking, exceeds, gap_from_square
+from antway.verify_motion import EVEN, REST, array_faults, braking, exceeds, gap_from_square
 
 if TYPE_CHECKING:
     from antway.trajectory.motion import Motion
@@ -95,7 +95,7 @@ def _limit_faults(robot: RobotSpec, motion: Motion) -> Iterator[str]:
         if robot.footprint is not None and max(np.abs(rate).max(), np.ptp(motion.heading)) > _NEAR:
             yield "turns, and a holonomic robot with a footprint keeps its heading"
     change, grow, brake = np.diff(speed, axis=0), min(robot.a_max, _AT_ONCE), min(braking(robot), _AT_ONCE)
-    most = np.where((speed[1:] * change).sum(axis=1) <= 0.0, brake, grow)
+    most = np.where((speed[1:] * change).sum(axis=1) <= (0.0 if wheels else EVEN), brake, grow)
     if wheels:  # amid a step that ends in the other direction they brake first
         most[speed[:-1, 0] * speed[1:, 0] < 0.0] = min(brake, grow)
     if (np.sqrt((change**2).sum(axis=1)) > most * dt * (1 + _NEAR) + 1e-12).any():

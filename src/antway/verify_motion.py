@@ -19,7 +19,7 @@ REST = 1e-9  # m/s, rad/s; slower robots and commands are at rest, and keep thei
 _NEAR = 1e-6  # m, m/s, rad; tolerance of the rules
 _SLACK = 1e-5  # m; tolerance of gaps, and depth of a contact that may go unseen between samples
 CLOSE = 1e-4  # m; tolerance of the smallest distance of an episode, which is computed from samples
-_EVEN = 1e-9  # m^2/s^2; a ramp at nearly a right angle to the command counts as braking
+EVEN = 1e-9  # m^2/s^2; a ramp at nearly a right angle to the command counts as braking
 _STEPS = 100, 2000  # least and largest number of steps in each part of a cycle: before and after the delayed command acts
 
 Floats = NDArray[np.float64]
@@ -171,7 +171,7 @@ def _ramp(state: State, asked: Floats, spec: RobotSpec) -> tuple[Floats, Floats,
     size = np.hypot(*asked.T)
     cx, cy = (asked * np.where(size > spec.v_max, spec.v_max / np.where(size > 0, size, 1.0), 1.0)[:, None]).T
     dx, dy = cx - vx, cy - vy
-    return dx, dy, np.hypot(dx, dy) / np.where(cx * dx + cy * dy <= _EVEN, braking(spec), spec.a_max)
+    return dx, dy, np.hypot(dx, dy) / np.where(cx * dx + cy * dy <= EVEN, braking(spec), spec.a_max)
 
 
 def _bend(state: State, asked: Floats, spec: RobotSpec, time: Floats) -> Floats:
