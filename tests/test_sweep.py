@@ -131,6 +131,10 @@ def test_a_disc_is_met_and_passed_where_dense_samples_are(shape: str) -> None:
         assert nearest_disc(m, end, body, disc, best - 0.01) == best - 0.01
         soon = min(times[gaps.argmin()] + 1e-3, end)  # the segment ends just after the body has come nearest
         assert nearest_disc(m, soon, body, disc, math.inf) == pytest.approx(best, abs=1e-9)
+        fast = disc._replace(vx=8.0 * disc.vx, vy=8.0 * disc.vy)
+        end = min(meets_disc(m, h, body, fast), h)
+        near = nearest_disc(m, end, body, fast, math.inf)  # and if another disc has come nearly as near before:
+        assert nearest_disc(m, end, body, fast, near + 1e-6) == pytest.approx(near, abs=1e-7)
     assert min(told) > 0
 
 

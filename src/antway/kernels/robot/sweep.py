@@ -19,7 +19,6 @@ from antway.kernels.base.records import Walls
 from antway.kernels.robot.motion import along
 
 _CLOSE = 1e-12  # m; a smaller gap that is closing is a contact
-_DIP = 1e-3  # m; by how much the gap between two samples may be smaller than at both
 _LEAST = 1e-9  # s; the shortest step of conservative advancement
 DIRECTIONS = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))  # along the axes of the map
 _SLACK = 1e-6  # m; cells farther than this from every place of the body are left out
@@ -264,10 +263,12 @@ def nearest_disc(m: Segment, h: float, body: Body, disc: Disc, best: float) -> f
     """Return the smallest gap in m to a disc on a segment, or `best` if that is smaller.
 
     The segment, `h` s long, is sampled every 4 ms wherever the gap may be smaller than the best so far. Around each local
-    minimum of the samples the minimum is refined.
+    minimum of the samples the minimum is refined, if both can move so far between two samples that it may be the smallest.
     """
     corners, around = body.corners, disc.radius + body.rounding
     apart = max(h / math.ceil(max(h / 0.004, 1.0)), _LEAST)
+    turn = max(abs(m.w), abs(m.w + m.b * h))
+    dip = 0.5 * apart * (top_speed(m, h) + turn * body.radius + math.hypot(disc.vx, disc.vy))
     s, last, before, last_gap, gap_before = 0.0, 0.0, 0.0, math.inf, math.inf
     while True:
         s = s if s < h - _LEAST else h  # no last step is as short as a rounding error, or it alone would be refined
@@ -276,7 +277,7 @@ def nearest_disc(m: Segment, h: float, body: Body, disc: Disc, best: float) -> f
         nx, ny = disc_axis(at, corners, px, py)
         gap, _, _ = axis_gap(m, at, corners, nx, ny, nx * px + ny * py + around, nx * disc.vx + ny * disc.vy, 0.0)
         best = min(best, gap)
-        if last_gap <= gap_before and last_gap <= gap and last_gap < best + _DIP:
+        if last_gap <= gap_before and last_gap <= gap and last_gap < best + dip:
             low, high = max(before, last - apart), min(last + apart, s)
             best = _lowest(m, corners, around, disc, low, high, best)
         if s >= h:
@@ -285,7 +286,7 @@ def nearest_disc(m: Segment, h: float, body: Body, disc: Disc, best: float) -> f
         level = nx * px + ny * py + around + best
         _, _, time = axis_gap(m, at, corners, nx, ny, level, nx * disc.vx + ny * disc.vy, 0.0)
         s += max(time, apart)
-    if gap <= last_gap and gap < best + _DIP:
+    if gap <= last_gap and gap < best + dip:
         best = _lowest(m, corners, around, disc, max(last, h - apart), h, best)
     return best
 
