@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -89,6 +90,17 @@ def test_a_speed_of_next_to_nothing_is_driven_like_rest(drive: int) -> None:
         for command in ((0.0, 0.0), (tiny, 0.0), (0.0, tiny)):
             moving = state._replace(a=tiny, b=tiny if drive == HOLONOMIC else 0.0)
             assert np.allclose(drive_cycle(moving, *command, limits, 0.1), state, atol=1e-99)
+
+
+@pytest.mark.parametrize("drive", [DIFFERENTIAL, ACKERMANN])
+def test_a_speed_that_becomes_zero_when_a_cycle_ends_does_not_change_its_sign_in_it(drive: int) -> None:
+    """Though it then would at once, and the turn rate or its bound becomes 0 there, too, but for a rounding error."""
+    limits = RobotLimits(drive, 1.0, 1.0, math.inf, 0.5, 1.9, 0.5, 0.05 if drive == ACKERMANN else 0.0, 0.0, 0.3)
+    for dt, cycles, steering in itertools.product((0.01, 0.02, 0.05, 0.1), range(1, 12), (0.0, 0.5)):
+        state = RobotState(0.0, 0.0, 0.0, 0.5 * dt * cycles, steering * dt * cycles)
+        for _ in range(cycles):
+            state = drive_cycle(state, -0.3, 0.0, limits, dt)
+        assert abs(state.a) < 1e-12, (dt, cycles, steering)
 
 
 def test_a_late_command_acts_when_it_arrives() -> None:
