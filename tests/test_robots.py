@@ -129,6 +129,15 @@ def test_a_speed_that_is_0_at_the_end_of_a_period_changes_its_sign_in_the_next(r
         assert drive_cycle(state, -0.06, 0.0, robot.limits, 1.001 * robot.dt).a == -0.06, k
 
 
+def test_a_car_with_a_long_period_passes_the_check() -> None:
+    """The bound of its turn rate is met amid one of the steps, of 2.5 ms each, in which its cycles are driven again."""
+    car = RobotSpec(
+        drive="ackermann", v_max=1.5, v_reverse=0.3, a_max=0.5, brake_max=1.5, turn_rate=0.4, turning_radius=0.05, dt=1.0
+    )
+    for seed in range(6, 13):
+        check_episode(run(hall(np.random.default_rng(seed), car, 0), Wanderer(), seed=seed))
+
+
 class Predicts(Wanderer):
     """A wanderer that notes in which state it is told to be when its command begins to act."""
 
