@@ -73,16 +73,21 @@ def _rows(*people: tuple[float, float, float, float]) -> np.ndarray:
 
 
 def test_harm_is_what_its_slow_twin_finds() -> None:
-    """Expected contacts of a motion among people are those of dense sampling."""
+    """Expected contacts of a motion among people, some of them seen before, are those of dense sampling."""
     rng, some = np.random.default_rng(1), 0
     for _ in range(cases(60, 2000)):
-        limits = LIMITS._replace(a_max=float(rng.choice([math.inf, 1.0])))
-        tracks = _rows(*np.column_stack((rng.uniform(-3, 3, (3, 2)), rng.uniform(-1.5, 1.5, (3, 2)))))
+        drive, at = int(rng.integers(2)), rng.uniform(-20.0, 20.0, 2)
+        limits = LIMITS._replace(a_max=float(rng.choice([math.inf, 1.0])), drive=drive)
+        heading, speed = rng.uniform(-3.0, 3.0), rng.uniform(0.0, 1.0)
+        v = (speed * math.cos(heading), speed * math.sin(heading))
+        tracks = _rows(*np.column_stack((at + rng.uniform(-3, 3, (3, 2)), rng.uniform(-1.5, 1.5, (3, 2)))))
+        tracks[:, 7] = rng.uniform(0.0, 0.4, 3)
         command, until = rng.uniform(-0.7, 0.7, 2), float(rng.uniform(0.0, 2.5))
         path = np.empty((64, 5))
-        found = harm(RobotState(0.0, 0.0, 0.0, 0.0, 0.0), *command, until, tracks, limits, 0.1, math.inf, path)
-        slow = naive.harm((0.0, 0.0), (0.0, 0.0), 0.0, command, until, tracks, (1.0, limits.a_max, 2.0, False, 0.3), 0.1)
-        assert found == pytest.approx(slow, abs=5e-3, rel=0.05)
+        found = harm(RobotState(*at, heading, *v), *command, until, tracks, limits, 0.1, math.inf, path)
+        slow = naive.harm(at, v, heading, command, until, tracks, (1.0, limits.a_max, 2.0, drive == 1, 0.3), 0.1)
+        assert found == pytest.approx(slow, abs=7e-3, rel=0.05)
+        assert harm(RobotState(*at, heading, *v), *command, until, tracks, limits, 0.1, 0.5 * found, path) >= 0.5 * found
         some += found > 0.1
     assert some > 10
 
