@@ -89,6 +89,29 @@ def test_noise_and_losses_have_their_size_and_repeat() -> None:
     assert covariance is not None and covariance.shape == (1, 4, 4) and covariance[0, 0, 0] == pytest.approx(0.05**2)
 
 
+@pytest.mark.parametrize("velocity", ["exact", "estimated"])
+def test_what_is_measured_of_a_disc_does_not_depend_on_others(velocity: str) -> None:
+    """Each has its own noise and losses, filter and covariance, whichever others are seen; its row goes with its number."""
+    sensor = Sensor(noise=0.02, velocity_noise=0.02, dropout=0.4, velocity=velocity)
+    walks = [((3.0, 4.0), (0.5, 0.0)), ((4.0, 6.0), (0.0, -0.5)), ((2.0, 2.0), (-0.2, 0.3))]
+    lines = [([0.0, 9.0], [xy, np.add(xy, np.multiply(v, 9.0))]) for xy, v in walks]
+    far = ([0.0], [(500.0, 0.0)])
+    both = [scanner(sensor, Timeline.of([7, 8, 9], [0.3] * 3, [first, *lines[1:]]), reach=20.0) for first in (lines[0], far)]
+    errors, lost = [], 0
+    for t in np.arange(60) * 0.1:
+        one, two = (eyes.observe(t, 3.0, 4.0)[1] for eyes in both)
+        others = one.id != 7
+        assert one.id[others].tolist() == two.id.tolist()
+        for name in ("xy", "velocity", "covariance"):
+            assert getattr(one, name)[others].tobytes() == getattr(two, name).tobytes()
+        lost += 3 - len(one)
+        for k, xy, v in zip(one.id - 7, one.xy, one.velocity):
+            errors.append([t, k, *(xy - np.add(walks[k][0], np.multiply(walks[k][1], t))), *(v - walks[k][1])])
+    late = np.array([row for row in errors if row[0] > 2.0])
+    assert 40 < lost < 110 and 0.0 < np.abs(late[:, 2:4]).max() < 0.1 and np.abs(late[:, 4:]).max() < 0.4
+    assert len(np.unique(late[:, 2:4])) == late[:, 2:4].size
+
+
 def test_estimated_velocity_converges() -> None:
     """The Kalman filter's velocity comes close to the truth, and its covariance says how close."""
     eyes = scanner(Sensor(noise=0.02, velocity="estimated", agility=0.2), moving(0.5), reach=100.0)
