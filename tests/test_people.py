@@ -92,6 +92,16 @@ def test_harm_is_what_its_slow_twin_finds() -> None:
     assert some > 10
 
 
+def test_harm_fades_with_the_distance() -> None:
+    """A robot at full speed counts whom it cannot quite reach, as places are uncertain; it once counted nobody 3.11 m away."""
+    path, v = np.empty((64, 5)), (1.0, 0.0)
+    for distance in (3.0, 3.2, 3.5):
+        tracks = _rows((distance, 0.0, 0.0, 0.0))
+        slow = naive.harm((0.0, 0.0), v, 0.0, v, 2.5, tracks, (1.0, math.inf, 2.0, False, 0.3), 0.1)
+        found = harm(RobotState(0.0, 0.0, 0.0, *v), *v, 2.5, tracks, LIMITS, 0.1, math.inf, path)
+        assert found == pytest.approx(slow) and found > 0.02
+
+
 def test_harm_looks_as_far_ahead_at_every_control_rate() -> None:
     """Who touches a standing robot in 1.9 s counts as much at 50 and at 100 Hz as at 10 Hz, to a tenth."""
     path, tracks = np.empty((64, 5)), _rows((2.5, 0.0, -1.0, 0.0))

@@ -60,7 +60,8 @@ def harm(
         ux, uy = tracks[k, VX], tracks[k, VY]
         ax, ay = tracks[k, X] + ux * tracks[k, AGE], tracks[k, Y] + uy * tracks[k, AGE]
         body = limits.radius + tracks[k, RADIUS]
-        if math.hypot(ax - state.x, ay - state.y) - body > (limits.v_max + math.hypot(ux, uy)) * _AHEAD:
+        moves = (limits.v_max + math.hypot(ux, uy)) * _AHEAD
+        if math.hypot(ax - state.x, ay - state.y) - body > moves + 3.0 * (_SIGMA + _GROWTH * _AHEAD):
             continue
         low, ratio, when, fast = math.inf, 0.0, 0.0, 0.0
         for i in range(steps):
