@@ -290,10 +290,14 @@ def evaporate(tau: Floats, eta: Floats, persistence_rule: Floats, t: int, excess
                     least = min(least, tau[cell, k])
     else:
         rho = persistence(persistence_rule, 1.0, 1.0, t, excess)
+    last = math.nan  # most edges have the pheromone of the one before, so that its persistence is theirs
     for cell in range(tau.shape[0]):
         for k in range(8):
             if eta[cell, k] > 0.0:
-                tau[cell, k] *= persistence(persistence_rule, tau[cell, k], least, t, excess) if by_edge else rho
+                if by_edge and tau[cell, k] != last:
+                    last = tau[cell, k]
+                    rho = persistence(persistence_rule, last, least, t, excess)
+                tau[cell, k] *= rho
 
 
 @kernel
@@ -312,12 +316,13 @@ def entropy(tau: Floats) -> float:
     top = flat.max()
     if top == 0.0:
         return 0.0
-    mass, logs = 0.0, 0.0
+    mass = logs = last = share = term = 0.0
     for value in flat:
-        share = value / top
-        if share > 0.0:
-            mass += share
-            logs += share * math.log(share)
+        if value != last:
+            last, share = value, value / top
+            term = share * math.log(share) if share > 0.0 else 0.0
+        mass += share
+        logs += term
     return math.log(mass) - logs / mass
 
 
