@@ -37,7 +37,9 @@ def test_where_the_robot_can_stand_is_what_sampling_finds() -> None:
     rng = np.random.default_rng(3)
     for _ in range(cases(40, 2000)):
         trajectory, t, xy = tubes(rng), rng.uniform(0, 7, 8), rng.uniform(1, 9, (8, 2))
-        free = trajectory.standing(t, xy, 6.0, 0.4, 0.0)
+        found = trajectory.standing(t, xy, 6.0, 0.4, 0.0, 8)
+        free = np.isin(np.arange(8), found)
+        assert (trajectory.standing(t, xy, 6.0, 0.4, 0.0, 2) == found[:2]).all()
         for i in range(8):
             least = min(gap(trajectory, s, *xy[i], 0.0) for s in np.linspace(t[i], max(t[i], 6.0), 400)) - 0.4
             assert abs(least) < 0.02 or free[i] == (least > 0.0)

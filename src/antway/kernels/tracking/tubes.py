@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from antway.kernels.base.arrays import Bools, Floats
-from antway.kernels.base.geometry import swept_timeline
+from antway.kernels.base.geometry import knot_after, swept_timeline, timeline_at
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import Terrain, Trajectories
 
@@ -60,16 +60,31 @@ def first_conflict(
 
 @bare_kernel
 def stand_free(
-    t: Floats, xy: Floats, now: float, until: float, body: float, growth: float, trajectories: Trajectories, free: Bools
+    t: Floats,
+    xy: Floats,
+    now: float,
+    until: float,
+    body: float,
+    growth: float,
+    trajectories: Trajectories,
+    free: Bools,
+    most: int,
 ) -> None:
-    """Mark in `free`, bool[N], at which places xy[i] a body can stand from t[i] to `until` without meeting a tube.
+    """Mark in `free`, bool[N], the first `most` places xy[i] at which a body can stand from t[i] to `until` and meets no tube.
 
     Tubes widen from the time `now` on; the other parameters are those of `first_conflict`.
     """
+    free[:] = False
     for i in range(len(t)):
-        x, y, wider = xy[i, 0], xy[i, 1], growth * (t[i] - now)
-        hit, _ = first_met(x, y, x, y, t[i], max(until, t[i]), body, wider, trajectories)
-        free[i] = hit == math.inf
+        x, y, wider, met, k = xy[i, 0], xy[i, 1], growth * (t[i] - now), False, 0
+        while not met and k < len(trajectories.radius):
+            contact_radius = body + trajectories.radius[k] + wider
+            hit, _, _ = swept_timeline(x, y, x, y, t[i], max(until, t[i]), contact_radius, trajectories, k)
+            met, k = hit < math.inf, k + 1
+        free[i] = not met
+        most -= int(free[i])
+        if most == 0:
+            break
 
 
 @bare_kernel
@@ -94,10 +109,32 @@ def close_cells(
     cell `corner`, (row, col), of the map.
     """
     size = terrain.resolution
-    for i in range(closed.shape[0]):
-        for j in range(closed.shape[1]):
-            cx, cy = terrain.x0 + (corner[1] + j + 0.5) * size, terrain.y0 + (corner[0] + i + 0.5) * size
-            d = math.hypot(cx - x, cy - y) / v_max
-            start, end = now + min(early * d, horizon), now + min(late * d + 0.5, horizon)
-            hit, _ = first_met(cx, cy, cx, cy, start, end, body, 0.0, trajectories)
-            closed[i, j] = hit < math.inf
+    left, low = terrain.x0 + corner[1] * size, terrain.y0 + corner[0] * size
+    closed[:] = False
+    for k in range(len(trajectories.radius)):
+        contact_radius = body + trajectories.radius[k]
+        # Only cells nearer than that to the box in which the disc moves can meet it; the box is a cell wider, for rounding.
+        x0, y0, x1, y1 = _box(now, now + horizon, trajectories, k)
+        row0, row1 = (y0 - contact_radius - low) / size, (y1 + contact_radius - low) / size
+        col0, col1 = (x0 - contact_radius - left) / size, (x1 + contact_radius - left) / size
+        for i in range(max(math.floor(row0) - 1, 0), min(math.ceil(row1) + 1, closed.shape[0])):
+            for j in range(max(math.floor(col0) - 1, 0), min(math.ceil(col1) + 1, closed.shape[1])):
+                if closed[i, j]:
+                    continue
+                cx, cy = terrain.x0 + (corner[1] + j + 0.5) * size, terrain.y0 + (corner[0] + i + 0.5) * size
+                d = math.hypot(cx - x, cy - y) / v_max
+                start, end = now + min(early * d, horizon), now + min(late * d + 0.5, horizon)
+                hit, _, _ = swept_timeline(cx, cy, cx, cy, start, end, contact_radius, trajectories, k)
+                closed[i, j] = hit < math.inf
+
+
+@bare_kernel
+def _box(start: float, end: float, trajectories: Trajectories, k: int) -> tuple[float, float, float, float]:
+    """Return the least and the greatest x and y of the centre of disc k from `start` to `end` s, (x0, y0, x1, y1), m."""
+    x0, y0, _, _ = timeline_at(start, trajectories, k)
+    x, y, _, _ = timeline_at(end, trajectories, k)
+    x0, y0, x1, y1 = min(x0, x), min(y0, y), max(x0, x), max(y0, y)
+    for i in range(knot_after(trajectories, k, start), knot_after(trajectories, k, end)):
+        x, y = trajectories.knot_xy[i]
+        x0, y0, x1, y1 = min(x0, x), min(y0, y), max(x1, x), max(y1, y)
+    return x0, y0, x1, y1

@@ -363,11 +363,10 @@ class PaperPolicy:
         found_paths = PathsFrom(routes.inflated, here, self.lookahead * v_max)
         field = found_paths.distance()
         cells = np.argwhere(np.isfinite(field))
-        far = field[cells[:, 0], cells[:, 1]]
+        cells = cells[np.argsort(field[cells[:, 0], cells[:, 1]], kind="stable")]
+        there, xy = seen.t + field[cells[:, 0], cells[:, 1]] / v_max, routes.inflated.to_xy(cells)
         for until in (ahead.until + self.lookahead, ahead.until):
-            free = ahead.tubes.standing(seen.t + far / v_max, routes.inflated.to_xy(cells), until, ahead.body, self.growth)
-            nearest = np.flatnonzero(free)[np.argsort(far[free], kind="stable")]
-            for row, col in cells[nearest[:REFUGES]].tolist():
+            for row, col in cells[ahead.tubes.standing(there, xy, until, ahead.body, self.growth, REFUGES)].tolist():
                 nodes = routes.joined(seen.xy, found_paths.nodes((row, col))[::-1])
                 nodes = routes.pulled(seen.xy, nodes) if routes.stops else nodes
                 if ahead.conflict(routes.timed(seen, nodes), until)[0] == math.inf:

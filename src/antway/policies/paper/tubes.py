@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid
-from antway.kernels.base.arrays import Bools, Floats
+from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.records import Trajectories
 from antway.kernels.base.rng import make_state
 from antway.kernels.robot.motions import bounce
@@ -61,11 +61,11 @@ class Tubes:
             rows.append(np.hstack((t[:-1, None], t[1:, None], xy[:-1], np.diff(xy, axis=0) / span, np.full_like(span, radius))))
         return np.vstack((np.empty((0, 7)), *rows)).astype(np.float32)
 
-    def standing(self, t: Floats, xy: Floats, until: float, body: float, growth: float) -> Bools:
-        """Return bool[N]: whether a body can stand at xy[i], float64[N, 2], from t[i] to `until` and meets no tube."""
+    def standing(self, t: Floats, xy: Floats, until: float, body: float, growth: float, most: int) -> Ints:
+        """Return int64[N]: the first `most` places xy[i] at which a body can stand from t[i] to `until` and meets no tube."""
         free = np.empty(len(t), np.bool_)
-        stand_free(t, xy, self.t, until, body, growth, self.trajectories, free)
-        return free
+        stand_free(t, xy, self.t, until, body, growth, self.trajectories, free, most)
+        return np.flatnonzero(free)
 
     def close(
         self, grid: Grid, window: tuple[int, int, int, int], xy: XY, v_max: float, body: float, horizon: float, *, whole: bool
