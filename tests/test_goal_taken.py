@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from antway import Grid, RobotSpec, Scenario, World, check_episode, run
+from antway import Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, make_policy, run
 from antway.arena.suites import SuiteEpisode, build, facts
+from antway.tables import NEED_PYRVO, POLICIES
 from antway.world.motions import Line
+from antway.world.nearby import TAKEN, approach
 from antway.world.world import Obstacle
 
 # Cells (m), how far the goal is from the centre of its cell (m), and how far behind it somebody stands (m).
@@ -74,3 +77,104 @@ def test_the_straight_path_is_kept() -> None:
         result = run(scenario, "antway", seed=1)
         moves = np.hypot(*result.trace.velocity[1:-1].T) > 0.01
         assert result.reached and (np.diff(moves.astype(int)) < 0).sum() <= 1, gap
+
+
+WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
+
+
+@pytest.mark.parametrize("policy", sorted(set(POLICIES) - {"follow"}))
+def test_no_policy_waits_for_good_where_somebody_stands_behind_the_goal(policy: str) -> None:
+    """Each drives straight into the tolerance, on cells smaller and larger than that, and most on wheels with ramps, too."""
+    if policy in NEED_PYRVO:
+        pytest.importorskip("pyrvo")
+    for place in (PLACES[1], PLACES[3]):
+        result = run(_scenario(*place), policy, seed=1)
+        check_episode(result)
+        assert result.reached and result.time < 7.5, place
+    if policy not in ("oracle", "paper"):  # these turn on the spot before they drive, or have a guard that lets nobody so near
+        result = run(replace(_scenario(*PLACES[2]), robot=WHEELS), policy, seed=1)
+        check_episode(result)
+        assert result.reached and result.time < 9.0
+
+
+@pytest.mark.parametrize("policy", ["stop", "dstarlite", "paper"])
+def test_who_stands_on_the_goal_is_named_and_waited_for(policy: str) -> None:
+    """No place within the tolerance is free: the decision says why the robot waits, once; when they leave, it arrives."""
+    result = run(_scenario(0.1, 0.0, 0.1, leaves=12.0), policy, seed=1)
+    check_episode(result)
+    assert result.reached and 12.0 < result.time < 20.0
+    said = [(one.reason, one.obstacle) for _, one in result.trace.decisions if one.reason == TAKEN]
+    assert said and set(said) == {(TAKEN, 0)} and len(said) <= 8
+
+
+def _approach(
+    xy=(6.5, 3.0), others=((8.5, 3.0),), velocity=(0.0, 0.0), robot=None, heading=0.0, walls=None, radius=0.3, **more
+):
+    """Approach a goal at (8, 3) from `xy`; the robot's own velocity is `moves`."""
+    blocked = np.zeros((60, 100), bool) if walls is None else walls
+    moves = more.pop("moves", (0.0, 0.0))
+    task = Task(Grid(blocked, 0.1), robot or RobotSpec(), (1.0, 3.0), (8.0, 3.0))
+    tracks = Tracks(np.arange(len(others)), others, [velocity] * len(others), [radius] * len(others), **more)
+    return approach(task, Observation(0.0, xy, moves, heading, tracks), 0.2)
+
+
+def test_the_last_metres_are_straight_to_a_free_place() -> None:
+    """At full speed to the near edge, beside whoever stands before the goal, and slower where the robot has to stop."""
+    _, who, command = _approach()
+    assert who == 0 and command.velocity == pytest.approx((1.0, 0.0))
+    assert _approach((7.78, 3.0))[2].velocity == pytest.approx(((0.22 - 0.97 * 0.2) / 0.1, 0.0))
+    beside = _approach((7.99, 2.0), ((7.52, 3.0),))[2].velocity  # to the right of the goal, seen from below
+    assert beside[0] > 0.03 and beside[1] > 0.9
+    heavy = RobotSpec(a_max=1.0)
+    speed = _approach((7.7, 3.0), robot=heavy)[2].velocity[0]
+    assert speed * heavy.dt + speed**2 / 2 == pytest.approx(0.3 - 0.97 * 0.2)
+
+
+def test_nobody_is_at_the_goal_who_moves_or_is_not_near_it() -> None:
+    """Then the method goes on by itself with all tracks; an unknown velocity is no rest, an uncertain one may be."""
+    for change in ({"velocity": (0.06, 0.0)}, {"velocity": (math.nan,) * 2}, {"others": ((8.81, 3.0),)}, {"others": ()}):
+        seen, who, command = _approach(**change)
+        assert (who, command) == (None, None) and len(seen.tracks) == len(change.get("others", (0,)))
+    covariance = [np.diag((0.0, 0.0, 0.01, 0.01))]
+    assert _approach(velocity=(0.2, 0.0), covariance=covariance)[1] == 0
+    assert _approach(velocity=(0.3, 0.0), covariance=covariance)[1] is None
+
+
+def test_from_afar_who_stands_at_the_goal_does_not_count() -> None:
+    """Unless they are near the robot, as a large disc may be; others count."""
+    seen, who, command = _approach((4.0, 3.0), ((8.5, 3.0), (6.0, 3.0)))
+    assert (who, command) == (None, None) and seen.tracks.id.tolist() == [1]
+    seen, _, _ = _approach((5.7, 3.0), ((8.7, 3.0),), radius=2.1)
+    assert len(seen.tracks) == 1
+
+
+def test_no_straight_path_leads_through_anybody_or_a_wall() -> None:
+    """All places are closed by who stands on the goal, a wall, or by somebody who crosses; a car does not try to turn."""
+    assert _approach(others=((8.1, 3.0),))[1:] == (0, None)
+    walls = np.zeros((60, 100), bool)
+    walls[:, 70] = True
+    assert _approach(walls=walls)[1:] == (0, None)
+    crossing = Tracks([0, 1], [(8.5, 3.0), (7.2, 2.3)], [(0.0, 0.0), (0.0, 1.0)], [0.3, 0.3])
+    task = Task(Grid(np.zeros((60, 100), bool), 0.1), RobotSpec(), (1.0, 3.0), (8.0, 3.0))
+    assert approach(task, Observation(0.0, (6.5, 3.0), (0.0, 0.0), 0.0, crossing), 0.2)[1:] == (0, None)
+    car = RobotSpec(drive="ackermann", turning_radius=0.5)
+    assert _approach(robot=car)[2] is not None
+    assert _approach(robot=car, heading=0.6)[1:] == (None, None)
+
+
+def test_robots_that_would_leave_the_line_stop_and_turn_first() -> None:
+    """Wheels turn where they stand; a robot with inertia that drifts aside brakes; a little of both is driven through."""
+    assert _approach(robot=WHEELS, heading=0.1)[2].velocity[0] > 0.9
+    assert math.hypot(*_approach(robot=WHEELS, heading=1.0)[2].velocity) == pytest.approx(1e-6)
+    assert _approach(robot=WHEELS, heading=1.0, moves=(0.3, 0.4))[2].velocity == (0.0, 0.0)
+    heavy = RobotSpec(a_max=1.0)
+    assert _approach(robot=heavy, moves=(0.9, 0.1))[2].velocity[0] > 0.9
+    assert _approach(robot=heavy, moves=(0.9, 0.3))[2].velocity == (0.0, 0.0)
+
+
+def test_tracks_of_a_scan_without_a_time_are_where_they_were_seen() -> None:
+    """Baselines took them for infinitely old, so that they were nowhere."""
+    policy = make_policy("stop")
+    policy.reset(Task(Grid(np.zeros((60, 100), bool), 0.1), RobotSpec(), (1.0, 3.0), (8.0, 3.0)), 0)
+    seen = Tracks([0], [(2.0, 3.0)], [(0.0, 0.0)], [0.3])
+    assert policy.act(Observation(0.0, (1.0, 3.0), (0.0, 0.0), 0.0, seen, stamp=-math.inf)).velocity == (0.0, 0.0)

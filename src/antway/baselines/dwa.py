@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.baselines.replan import STOP, Follow, contact_radii, now
+from antway.baselines.replan import STOP, Avoider
 from antway.kernels.base.records import RobotState
 from antway.kernels.baselines.dwa import Obstacles, roll_out, roll_out_twists
+from antway.world.nearby import contact_radii, now
 from antway.world.policy import XY, Command, Observation, Task, commanded
 from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class Dwa(Follow):
+class Dwa(Avoider):
     """Choose, from the velocities that can be reached within a control period, the best one that is safe.
 
     Each candidate command is kept for `horizon` s within the robot's limits of speed, acceleration and turning, while all
@@ -92,7 +93,7 @@ class Dwa(Follow):
         self.kept = margin if self.margin is None else self.margin
         self.turning = 0.0
 
-    def act(self, observation: Observation) -> Command:
+    def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot = observation, self.task.robot
         target = self.target(o, self.look_ahead)

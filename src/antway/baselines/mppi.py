@@ -8,18 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from antway import checks
-from antway.baselines.replan import Follow, now
+from antway.baselines.replan import Avoider
 from antway.kernels.base.jit import call
 from antway.kernels.base.rng import make_state
 from antway.kernels.baselines.mppi import Sampling, path_integral
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import CostWeights
+from antway.world.nearby import now
 from antway.world.policy import Command, Observation, Task, commanded
 from antway.world.rollouts import acting, control_problem, make_batch
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class Mppi(Follow):
+class Mppi(Avoider):
     """Drive the mean of many noisy sequences of controls, weighted by their costs.
 
     Each sequence is rolled out with the robot's dynamics (ramps, arcs, latency) among obstacles that keep their velocities. Its
@@ -88,12 +89,13 @@ class Mppi(Follow):
             swerve=math.inf,
         )
         self.problem = control_problem(task, self.search.field, steps, weights, make_batch(0.0, summed=True))
+        self.kept = self.margin - task.goal_tolerance  # sequences end anywhere within it
         self.margins = Margins(self.margin, self.preferred_gap, 0.0, 0.0, 0.0, 0.0, 1.0)
         self.bounds = SpeedBounds(robot.v_max, 0.0, 0.0, 0.0)
         self.nominal = np.zeros((steps, 2))
         self.random = make_state(seed, 2)
 
-    def act(self, observation: Observation) -> Command:
+    def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         robot = self.task.robot
         late, o, start = acting(observation, robot)

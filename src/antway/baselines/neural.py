@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.baselines.replan import STOP, Follow, now, short_of_walls
+from antway.baselines.replan import STOP, Avoider, short_of_walls
 from antway.grid import Cell
 from antway.kernels.baselines.neural import CLOSED, DIAGONAL, FREE, TARGET, ascend, relax, shunt, stamp
 from antway.world.line_of_sight import clear, diagonal_radius
+from antway.world.nearby import now
 from antway.world.policy import XY, Command, Decision, Observation, Task
 
 SETTLED = 1e-6  # relative change in a sweep below which the activity is stationary
@@ -19,7 +20,7 @@ MOST = 10_000  # limit of sweeps before an episode
 TRANSFERS = {"mean": DIAGONAL, "glasius": 1.0}  # weight of a diagonal neighbour
 
 
-class Neural(Follow):
+class Neural(Avoider):
     """Ascend the activity of a shunting neural network with one neuron for each cell; nothing is learnt.
 
     Each neuron follows dx/dt = -A x + (B - x)([I]+ + sum_j mu [x_j]+ / d_j) - (D + x)[I]-, over its 8 neighbours at distance
@@ -74,6 +75,7 @@ class Neural(Follow):
     def reset(self, task: Task, seed: int) -> None:
         """Compute the stationary activity on the empty map."""
         self.task, grid, size = task, task.grid, task.grid.resolution
+        self.kept = self.margin + size
         closed = grid.inflate(diagonal_radius(task)).blocked
         self.walls = np.pad(np.where(closed, CLOSED, FREE).astype(np.uint8), 1, constant_values=CLOSED)
         self.goal = self._cell(task.goal)
@@ -91,7 +93,7 @@ class Neural(Follow):
         span = math.inf if rest else self.span
         return shunt(self.x, kind, self.decay, self.upper, self.lower, self.mu, self.drive, span, self.order & 3)
 
-    def act(self, observation: Observation) -> Command:
+    def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, task = observation, self.task
         kind = self.walls.copy()

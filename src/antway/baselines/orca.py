@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 
 from antway import checks
-from antway.baselines.replan import STOP, Follow, now
+from antway.baselines.replan import STOP, Avoider
 from antway.errors import BadParameter
 from antway.grid import Grid
+from antway.world.nearby import now
 from antway.world.policy import XY, Command, Observation, Task, commanded
 
 AWAY = 1e6  # m; place of unused agents
 
 
-class Orca(Follow):
+class Orca(Avoider):
     """Take the velocity nearest to the preferred one that avoids all agents for some time if they do their half.
 
     The preferred velocity leads to the farthest visible point of the global path, at full speed or, within the last metre, at
@@ -61,7 +62,7 @@ class Orca(Follow):
     def reset(self, task: Task, seed: int) -> None:
         """Set up the simulation: the robot and the walls."""
         super().reset(task, seed)
-        robot = task.robot
+        robot, self.kept = task.robot, self.margin
         self.simulation: Any = self.simulator(
             robot.dt, 10.0, 10, self.horizon, self.wall_horizon, robot.radius + self.margin, robot.v_max
         )
@@ -70,7 +71,7 @@ class Orca(Follow):
         self.simulation.process_obstacles()
         self.simulation.add_agent(task.start)
 
-    def act(self, observation: Observation) -> Command:
+    def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot, simulation = observation, self.task.robot, self.simulation
         target = self.target(o, self.look_ahead)
@@ -141,9 +142,9 @@ class NhOrca(Orca):
         self.turn_time = checks.number("turn_time", turn_time, low=0.0, open_low=True, unit="s")
         super().__init__(horizon=horizon, wall_horizon=wall_horizon, margin=margin, look_ahead=look_ahead)
 
-    def act(self, observation: Observation) -> Command:
+    def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
-        command, robot = super().act(observation), self.task.robot
+        command, robot = super().steer(observation), self.task.robot
         speed = math.hypot(*command.velocity)
         if not robot.wheels or speed < 1e-6:
             return command

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.baselines.replan import STOP, Follow, now, short_of_walls
+from antway.baselines.replan import STOP, Avoider, short_of_walls
 from antway.kernels.baselines.potential_field import disc_force, wall_force
+from antway.world.nearby import now
 from antway.world.policy import XY, Command, Observation, Task
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class PotentialField(Follow):
+class PotentialField(Avoider):
     """Descend a potential: the target attracts, walls and moving obstacles repel; the force is the commanded velocity.
 
     The attraction grows with the distance up to full speed at `conic` m. A wall at distance d < `influence` repels with `wall`
@@ -69,9 +70,10 @@ class PotentialField(Follow):
         walls, count = label(task.grid.blocked, np.ones((3, 3)))
         self.walls: NDArray[np.int32] = walls.astype(np.int32)
         self.near = np.empty((count + 5, 3))
+        self.kept = self.conic  # within this distance of the goal its attraction is weak
         self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
 
-    def act(self, observation: Observation) -> Command:
+    def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o = observation
         target = self.task.goal if self.look_ahead is None else self.target(o, self.look_ahead)

@@ -14,7 +14,6 @@ from antway import checks
 from antway.errors import CellBlocked
 from antway.grid import Cell, Moves
 from antway.kernels.base.geometry import wall_ahead
-from antway.kernels.base.records import Trajectories
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, crosses_edge, predict
 from antway.kernels.tracking.tubes import first_conflict
 from antway.planning import Problem, TimedPath
@@ -23,8 +22,8 @@ from antway.search.dstarlite import DStarLite as Search
 from antway.search.sipp import NO_SEGMENTS
 from antway.search.sipp import Sipp as SpaceTime
 from antway.world.line_of_sight import clear, goal_of_cells, nearest_free
+from antway.world.nearby import TAKEN, approach, contact_radii, keeping_velocity, now
 from antway.world.policy import XY, Command, Decision, Observation, Task
-from antway.world.robots import RobotSpec
 from antway.world.terrain import terrain_of
 
 STOP = Command((0.0, 0.0))
@@ -95,7 +94,36 @@ class Follow:
             self.decision = Decision(action, reason, **more)
 
 
-class Stop(Follow):
+class Avoider(Follow):
+    """Steer by a method of one's own, and drive straight into the goal's tolerance if somebody stands at the goal.
+
+    Methods that drive to the goal itself would wait for good where somebody stands so near to it that they do not come closer.
+    """
+
+    kept: float  # m; whoever stands nearer to a robot at the goal than this keeps the method from it
+    at_goal: int | None = None  # who stands at the goal, if no free place within its tolerance can be reached
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        seen, who, command = approach(self.task, observation, self.kept)
+        self.at_goal = None if command is not None else who
+        if command is None:
+            return self.steer(seen)
+        self.decide("avoid", f"{TAKEN}: straight to a free place within the tolerance", obstacle=who)
+        return command
+
+    def steer(self, observation: Observation) -> Command:
+        """Return the command of the method for the next control period."""
+        raise NotImplementedError
+
+    def decide(self, action: str, reason: str, **more: Any) -> None:
+        """Do as in `Follow`; the reason is that somebody stands at the goal if no place there can be reached."""
+        if self.at_goal is not None:
+            reason, more = TAKEN, {**more, "obstacle": self.at_goal}
+        super().decide(action, reason, **more)
+
+
+class Stop(Avoider):
     """Drive the shortest path over the map, and wait while an obstacle would be met on the next part of it.
 
     Every obstacle is assumed to keep its velocity. This is what most industrial vehicles do.
@@ -112,24 +140,23 @@ class Stop(Follow):
         self.lookahead = checks.number("lookahead", lookahead, low=0.0, open_low=True, unit="s")
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
 
-    def act(self, observation: Observation) -> Command:
+    def reset(self, task: Task, seed: int) -> None:
+        """Prepare the distance field."""
+        super().reset(task, seed)
+        self.kept = self.margin + task.grid.resolution  # paths end at the centre of a cell
+
+    def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
-        o, robot = observation, self.task.robot
-        path = self.path(o)
-        n, ends = len(o.tracks), np.array([o.t, o.t + self.lookahead])
-        xy, velocity = now(o)
-        knots = np.stack((xy, xy + velocity * self.lookahead), axis=1).reshape(-1, 2)
-        times, first = np.tile(ends, n), np.arange(0, 2 * n + 1, 2, dtype=np.int64)
-        body = robot.radius + self.margin
-        discs = Trajectories(times, knots, first, o.tracks.radius)
-        if len(path.t) and first_conflict(path.t, path.xy, float(ends[1]), body, 0.0, discs)[0] < math.inf:
+        o, body = observation, self.task.robot.radius + self.margin
+        path, discs = self.path(o), keeping_velocity(o, o.tracks.radius, self.lookahead)
+        if len(path.t) and first_conflict(path.t, path.xy, o.t + self.lookahead, body, 0.0, discs)[0] < math.inf:
             self.decide("wait", "an obstacle crosses the path ahead")
             return STOP
         self.decide("follow", "the path ahead is free")
         return drive(self.task, o, path)
 
 
-class Sipp(Follow):
+class Sipp(Avoider):
     """Search in space and time exactly in every cycle (SIPP: Phillips, Likhachev, ICRA 2011), with predicted obstacles.
 
     Parameters
@@ -156,8 +183,9 @@ class Sipp(Follow):
             self.searches += within_tolerance(task)
         self.edges = True  # whether obstacles are assumed to bounce off the map's edges, until one is seen to cross them
         self.clearance = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
+        self.kept = self.clearance + task.grid.resolution - (task.goal_tolerance if self.ends_beside else 0.0)
 
-    def act(self, observation: Observation) -> Command:
+    def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o = observation
         for margin in (self.clearance, 0.0):
@@ -206,7 +234,7 @@ class Replan(Sipp):
         super().__init__(predictions="frozen", horizon=math.inf, margin=margin)
 
 
-class DStarLite(Follow):
+class DStarLite(Avoider):
     """Do as `replan` by D* Lite (Koenig, Likhachev, AAAI 2002), which repairs the last answer, over 8 neighbours.
 
     Parameters
@@ -222,6 +250,7 @@ class DStarLite(Follow):
         """Start the search at the goal."""
         super().reset(task, seed)
         size = task.grid.resolution
+        self.kept = self.margin + size
         self.repair = None
         for radius in (math.hypot(task.robot.radius, size / math.sqrt(2)), task.robot.radius):  # with room to spare, or without
             self.inflated = task.grid.inflate(radius)
@@ -234,7 +263,7 @@ class DStarLite(Follow):
         self.centres = self.inflated.to_xy(self.cells)
         self.closed = np.zeros(len(self.cells), np.bool_)
 
-    def act(self, observation: Observation) -> Command:
+    def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o = observation
         here = self._cell(o.xy)
@@ -265,21 +294,6 @@ class DStarLite(Follow):
     def _cell(self, xy: XY) -> Cell | None:
         """Return the nearest free cell that can be reached in a straight line."""
         return nearest_free(self.task.grid, self.inflated, xy, 2, self.task.robot.radius)
-
-
-def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return places (m) and velocities (m/s) of the tracks, extrapolated to now; an unknown velocity counts as 0."""
-    velocity = np.nan_to_num(o.tracks.velocity)
-    return o.tracks.xy + velocity * (o.t - o.sensed_at) if len(o.tracks) else o.tracks.xy, velocity
-
-
-def contact_radii(
-    o: Observation, xy: NDArray[np.float64], robot_xy: XY, robot: RobotSpec, margin: float
-) -> NDArray[np.float64]:
-    """Return how far, m, the centres of robot and obstacles at `xy` keep apart: by the margin, or a smaller present gap."""
-    body = o.tracks.radius + robot.radius
-    gap = np.hypot(xy[:, 0] - robot_xy[0], xy[:, 1] - robot_xy[1]) - body
-    return body + np.clip(gap - 1e-6, 0.0, margin)
 
 
 def searches_for(task: Task) -> list[SpaceTime]:

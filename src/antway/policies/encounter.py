@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
+from antway.world.nearby import STANDING
 from antway.world.policy import XY
-
-STANDING = 0.05  # m/s; an obstacle slower than this counts as standing
 
 
 def closest_approach(xy: XY, velocity: XY, other: XY, other_velocity: XY) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from antway import checks
 from antway.ants.gridpath import BETA, Exploration, explore
 from antway.ants.persistence import Adaptive
 from antway.grid import Cell, Grid, Moves
-from antway.kernels.base.arrays import Bools, Floats
+from antway.kernels.base.arrays import Bools
 from antway.kernels.tracking.tubes import first_conflict
 from antway.limits import MAX_AHEAD
 from antway.planning import Problem, Status, TimedPath
@@ -24,8 +24,9 @@ from antway.policies.encounter import closest_approach, encounter
 from antway.policies.guard import Guard, check_observation
 from antway.policies.paper.local_target import local_target
 from antway.policies.paper.routes import STOP, Nodes, PathsFrom, StaticRoutes
-from antway.policies.paper.tubes import Tubes
+from antway.policies.paper.tubes import Ahead, Tubes
 from antway.world.ants import AntStep, LaidTrails
+from antway.world.nearby import TAKEN, approach
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.rollouts import acting
 
@@ -45,22 +46,6 @@ class Detour:
     target: XY
     reason: str
     found: Exploration
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ahead:
-    """What one control cycle knows: the observation, the tubes, and the robot's radius with the margin."""
-
-    seen: Observation
-    tubes: Tubes
-    body: float
-    velocity: Floats  # float64[K, 2]; velocities of the tracks, m/s
-    until: float  # s; time up to which the robot looks ahead
-    growth: float
-
-    def conflict(self, path: TimedPath, until: float) -> tuple[float, int]:
-        """Return when and with which track the robot on `path` first meets a tube."""
-        return first_conflict(path.t, path.xy, until, self.body, self.growth, self.tubes.trajectories)
 
 
 class PaperPolicy:
@@ -131,6 +116,8 @@ class PaperPolicy:
     def _start(self, task: Task, seed: int) -> None:
         """Take the shortest path from the start, and forget obstacles and ants."""
         self.seed, self.spec = checks.seed(seed), task.robot
+        self.wider = self.margin + (self.spec.v_max * self.spec.stop_time / 2 if self.routes.stops else 0.0)
+        self.kept = self.wider + self.growth * self.lookahead + task.grid.resolution
         self.path = self.routes.to_goal(task.start)
         self.path_cells = set(map(tuple, self.routes.cells(self.path).tolist()))
         self._take(self.path)
@@ -155,7 +142,14 @@ class PaperPolicy:
         """
         observation = check_observation(observation)
         self.here = observation.xy
-        command = self._steer(acting(observation, self.spec)[1])
+        seen, who, command = approach(self.routes.task, observation, self.kept)
+        if command is not None:
+            self._take(np.array([self.here]), retreating=True)  # if they go away, the robot rejoins its path from there
+            self._say(f"{TAKEN}: straight to a free place within the tolerance", who, "avoid")
+        else:
+            command = self._steer(acting(seen, self.spec)[1])
+            if who is not None:
+                self._say(TAKEN, who, self.decision.action)
         if self.guard is not None:
             command = self.guard.passed(observation, command)
             if self.guard.did != self.decision.guard:
@@ -240,10 +234,10 @@ class PaperPolicy:
             self.places[number] = now, x, y, vx, vy
         discs = np.column_stack((tracks.xy, velocity, tracks.radius))
         tubes = Tubes.predict(seen.t, now, discs, self.routes.task.grid, 2 * self.lookahead)
-        inflated = margin = self.margin + (self.spec.v_max * self.spec.stop_time / 2 if self.routes.stops else 0.0)
+        inflated = self.wider
         if len(tracks):
             gaps = np.hypot(tracks.xy[:, 0] - seen.xy[0], tracks.xy[:, 1] - seen.xy[1]) - tracks.radius - self.spec.radius
-            inflated = max(min(margin, float(gaps.min()) - 0.01), 0.0)
+            inflated = max(min(inflated, float(gaps.min()) - 0.01), 0.0)
         return Ahead(seen, tubes, self.spec.radius + inflated, velocity, seen.t + self.lookahead, self.growth)
 
     def _home(self, xy: XY) -> Nodes:
@@ -419,6 +413,11 @@ class PaperPolicy:
             pheromone=None if colony is None else (*colony.window[:2], colony.pheromone_by_cell),
             history=None if colony is None else colony.history,
         )
+
+    def _say(self, reason: str, obstacle: int | None, action: str) -> None:
+        """Record a decision about somebody who stands at the goal, unless it is the present one."""
+        if (self.decision.reason, self.decision.obstacle, self.decision.action) != (reason, obstacle, action):
+            self.decision = Decision(action, reason, obstacle=obstacle)
 
     def _take(self, nodes: Nodes, *, retreating: bool = False) -> None:
         """Drive along `nodes` from now on, without a wait."""

@@ -16,6 +16,7 @@ from antway.planning import TimedPath
 from antway.search.derived import lattice
 from antway.search.distance_field import DijkstraField
 from antway.world.line_of_sight import clear, diagonal_radius, nearest_free
+from antway.world.nearby import fastest_to_stop
 from antway.world.policy import XY, Command, Observation, Task
 
 STOP = Command((0.0, 0.0))
@@ -244,12 +245,7 @@ class StaticRoutes:
             return STOP
         if spec.drive == "differential" and math.cos(seen.heading) * ux + math.sin(seen.heading) * uy < 1.0 - 1e-12:
             return Command((ux * 1e-6, uy * 1e-6)) if math.hypot(*seen.velocity) < 1e-6 else STOP
-        # The fastest speed v with v dt + v^2 / 2b <= path, so that the robot can still stop at the corner.
-        speed = path / spec.dt
-        if math.isfinite(spec.braking):
-            change = spec.braking * spec.dt
-            speed = min(speed, 2 * path * spec.braking / (change + math.sqrt(change * change + 2 * spec.braking * path)))
-        speed = min(speed, spec.v_max)
+        speed = fastest_to_stop(spec, path)
         return Command((ux * speed, uy * speed))
 
 

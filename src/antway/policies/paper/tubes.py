@@ -13,8 +13,9 @@ from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.records import Trajectories
 from antway.kernels.base.rng import make_state
 from antway.kernels.robot.motions import bounce
-from antway.kernels.tracking.tubes import close_cells, stand_free
-from antway.world.policy import XY
+from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_free
+from antway.planning import TimedPath
+from antway.world.policy import XY, Observation
 from antway.world.terrain import terrain_of
 
 _KNOTS = 64  # limit of knots of a predicted trajectory; after the last one the obstacle is assumed to stand
@@ -79,3 +80,19 @@ class Tubes:
         close_cells(self.t, *xy, v_max, early, late, horizon, body, discs, terrain, corner, part)
         closed[row : row + rows, col : col + cols] = part
         return closed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ahead:
+    """What one control cycle knows: the observation, the tubes, and the robot's radius with the margin."""
+
+    seen: Observation
+    tubes: Tubes
+    body: float
+    velocity: Floats  # float64[K, 2]; velocities of the tracks, m/s
+    until: float  # s; time up to which the robot looks ahead
+    growth: float
+
+    def conflict(self, path: TimedPath, until: float) -> tuple[float, int]:
+        """Return when and with which track the robot on `path` first meets a tube."""
+        return first_conflict(path.t, path.xy, until, self.body, self.growth, self.tubes.trajectories)
