@@ -144,6 +144,8 @@ def test_from_afar_who_stands_at_the_goal_does_not_count() -> None:
     """Unless they are near the robot, as a large disc may be; others count."""
     seen, who, command = _approach((4.0, 3.0), ((8.5, 3.0), (6.0, 3.0)))
     assert (who, command) == (None, None) and seen.tracks.id.tolist() == [1]
+    seen, _, _ = _approach((4.0, 3.0), ((8.5, 3.0), (6.0, 3.0)), covariance=np.array([np.eye(4), 2.0 * np.eye(4)]))
+    assert seen.tracks.covariance.tolist() == [(2.0 * np.eye(4)).tolist()]
     seen, _, _ = _approach((5.7, 3.0), ((8.7, 3.0),), radius=2.1)
     assert len(seen.tracks) == 1
 

@@ -55,6 +55,18 @@ def test_commands_are_the_same_by_every_clock(name):
     assert np.allclose(commands, commands[0], atol=2e-3)
 
 
+def test_replan_says_that_it_waits():
+    """Somebody stands in a corridor and leaves less space than the margin: a path that waits for 1e6 s is no detour."""
+    walls = np.zeros((40, 60), np.bool_)
+    walls[:15], walls[26:] = True, True
+    policy = make_policy("replan")
+    assert not run(room(Obstacle(0.4, Line((6.1, 4.1), (6.1, 4.1), 0.0)), walls=walls, horizon=8.0), policy).reached
+    assert (policy.explain().action, policy.explain().reason) == (
+        "wait",
+        "every path is closed by what is predicted to stay there",
+    )
+
+
 def test_stop_waits():
     """`stop` lets a crossing obstacle pass and goes on; it drives no detour."""
     result = run(room(Obstacle(0.4, Line((6.1, 1.0), (6.1, 7.0), 0.62))), "stop")

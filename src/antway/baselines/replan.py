@@ -28,6 +28,7 @@ from antway.world.terrain import terrain_of
 
 STOP = Command((0.0, 0.0))
 SHORT = 1e-6  # m; distance to a wall that a step leaves
+FOREVER = 1e6  # s; whoever is predicted for so long stays, and a path that waits for their end is closed
 
 
 class Follow:
@@ -105,11 +106,11 @@ class Avoider(Follow):
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
-        seen, who, command = approach(self.task, observation, self.kept)
-        self.at_goal = None if command is not None else who
+        seen, obstacle, command = approach(self.task, observation, self.kept)
+        self.at_goal = None if command is not None else obstacle
         if command is None:
             return self.steer(seen)
-        self.decide("avoid", f"{TAKEN}: straight to a free place within the tolerance", obstacle=who)
+        self.decide("avoid", f"{TAKEN}: straight to a free place within the tolerance", obstacle=obstacle)
         return command
 
     def steer(self, observation: Observation) -> Command:
@@ -190,15 +191,18 @@ class Sipp(Avoider):
         o = observation
         for margin in (self.clearance, 0.0):
             path = self.path(o, self._segments(o, margin))
-            if len(path.t):
+            if len(path.t) and path.t[-1] < o.t + FOREVER:
                 self.decide("avoid", "the path that arrives first, as the obstacles are predicted")
+            elif len(path.t):
+                self.decide("wait", "every path is closed by what is predicted to stay there")
+            if len(path.t):
                 return drive(self.task, o, path)
         self.decide("brake", "there is no path")
         return STOP
 
     def _segments(self, o: Observation, margin: float) -> NDArray[np.float64]:
         """Return the predictions as motion segments (kernels/spacetime/segments.py)."""
-        robot, horizon = self.task.robot, min(self.horizon, 1e6)
+        robot, horizon = self.task.robot, min(self.horizon, FOREVER)
         xy, velocity = now(o)
         n = len(xy)
         if self.predictions == "mirrored":

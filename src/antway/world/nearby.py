@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.records import Trajectories
 from antway.kernels.tracking.tubes import first_conflict
 from antway.world.line_of_sight import clear
-from antway.world.policy import XY, Command, Observation, Task
+from antway.world.policy import XY, Command, Observation, Task, Tracks
 from antway.world.robots import RobotSpec
 from antway.world.rollouts import acting
 
@@ -84,7 +84,10 @@ def approach(task: Task, observation: Observation, kept: float) -> Approach:
         return nobody
     if math.dist(o.xy, task.goal) > task.goal_tolerance + near:
         counts = (gap >= kept) | (np.hypot(*(xy - o.xy).T) - body < near / 2)
-        return Approach(replace(observation, tracks=observation.tracks.some(counts)), None, None)
+        tracks = observation.tracks
+        covariance = None if tracks.covariance is None else tracks.covariance[counts]
+        some = Tracks(tracks.id[counts], tracks.xy[counts], tracks.velocity[counts], tracks.radius[counts], covariance)
+        return Approach(replace(observation, tracks=some), None, None)
     place = _free_place(task, o)
     command = None if place is None else _straight(robot, o, place)
     return nobody if place is not None and command is None else Approach(observation, int(o.tracks.id[k]), command)
@@ -108,9 +111,9 @@ def _straight(robot: RobotSpec, o: Observation, place: XY) -> Command | None:
 
 def _free_place(task: Task, o: Observation) -> XY | None:
     """Return the nearest place within the tolerance of the goal to which the robot can drive straight now."""
-    robot, (gx, gy), reach = task.robot, task.goal, _INSIDE * task.goal_tolerance
+    robot, (gx, gy), distance = task.robot, task.goal, _INSIDE * task.goal_tolerance
     angle = math.atan2(o.xy[1] - gy, o.xy[0] - gx) + 2.0 * math.pi * np.arange(_SIDES) / _SIDES
-    places = np.vstack((np.column_stack((gx + reach * np.cos(angle), gy + reach * np.sin(angle))), task.goal))
+    places = np.vstack((np.column_stack((gx + distance * np.cos(angle), gy + distance * np.sin(angle))), task.goal))
     far = np.hypot(*(places - o.xy).T)
     order = np.argsort(far, kind="stable")
     for margin in (robot.v_max * robot.dt / 2, 0.0):

@@ -167,11 +167,6 @@ class Tracks:
             return self
         return replace(self, id=np.where((times[place] > 1) | (self.id < 0), -1, self.id))
 
-    def some(self, which: NDArray[np.bool_]) -> Tracks:
-        """Return those of these tracks that `which`, bool[K], marks."""
-        covariance = None if self.covariance is None else self.covariance[which]
-        return Tracks(self.id[which], self.xy[which], self.velocity[which], self.radius[which], covariance)
-
     @staticmethod
     def none() -> Tracks:
         """Return no tracks."""

@@ -142,14 +142,14 @@ class PaperPolicy:
         """
         observation = check_observation(observation)
         self.here = observation.xy
-        seen, who, command = approach(self.routes.task, observation, self.kept)
+        seen, obstacle, command = approach(self.routes.task, observation, self.kept)
         if command is not None:
             self._take(np.array([self.here]), retreating=True)  # if they go away, the robot rejoins its path from there
-            self._say(f"{TAKEN}: straight to a free place within the tolerance", who, "avoid")
+            self._say(f"{TAKEN}: straight to a free place within the tolerance", obstacle, "avoid")
         else:
             command = self._steer(acting(seen, self.spec)[1])
-            if who is not None:
-                self._say(TAKEN, who, self.decision.action)
+            if obstacle is not None:
+                self._say(TAKEN, obstacle, self.decision.action)
         if self.guard is not None:
             command = self.guard.passed(observation, command)
             if self.guard.did != self.decision.guard:
