@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
+from antway import BadParameter, Grid, Observation, RobotSpec, Scenario, Tracks, World, check_episode, make_policy, run
 from antway.kernels.base.records import RobotState
 from antway.kernels.baselines.dwa import Obstacles, roll_out, roll_out_twists, stops_clear
 from antway.kernels.robot.motion import drive_cycle
@@ -191,6 +191,18 @@ def test_predictions_are_what_saves_it() -> None:
         for name, policy in (("moving", make_policy("dwa")), ("still", Still())):
             hits[name] += not run(hall(disc), policy, record=False).reached
     assert hits["moving"] == 0 < hits["still"]
+
+
+def test_latency_counts_once() -> None:
+    """Somebody stands 0.7 m before where a command acts; one period and braking take 0.6 m, and the latency is over by then."""
+    robot = replace(WHEELS, latency=0.3)
+    policy = make_policy("dwa", vel=50.0, dist=0.0, heading=0.0)
+    policy.reset(hall(robot=robot).task, 1)
+    for gap, action in ((0.7, "follow"), (0.4, "brake")):
+        x = 3.0 + 0.3 * robot.v_max + robot.radius + 0.3 + policy.kept + gap
+        seen = Tracks([1], [(x, 3.125)], [(0.0, 0.0)], [0.3])
+        policy.act(Observation(0.0, (3.0, 3.125), (1.0, 0.0), 0.0, seen, pending=np.array([(1.0, 0.0)] * 3)))
+        assert policy.explain().action == action
 
 
 def test_it_goes_round_a_dead_end() -> None:

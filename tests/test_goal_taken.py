@@ -146,8 +146,9 @@ def test_from_afar_who_stands_at_the_goal_does_not_count() -> None:
     assert (who, command) == (None, None) and seen.tracks.id.tolist() == [1]
     seen, _, _ = _approach((4.0, 3.0), ((8.5, 3.0), (6.0, 3.0)), covariance=np.array([np.eye(4), 2.0 * np.eye(4)]))
     assert seen.tracks.covariance.tolist() == [(2.0 * np.eye(4)).tolist()]
-    seen, _, _ = _approach((5.7, 3.0), ((8.7, 3.0),), radius=2.1)
-    assert len(seen.tracks) == 1
+    for radius, count in ((1.8, 1), (1.6, 0)):  # 0.9 and 1.1 m from the robot
+        assert len(_approach((5.7, 3.0), ((8.7, 3.0),), radius=radius)[0].tracks) == count
+    assert _approach((5.4, 3.0), robot=RobotSpec(a_max=1.0))[2] is not None  # this one has to brake earlier
 
 
 def test_no_straight_path_leads_through_anybody_or_a_wall() -> None:
@@ -166,12 +167,13 @@ def test_no_straight_path_leads_through_anybody_or_a_wall() -> None:
 
 def test_robots_that_would_leave_the_line_stop_and_turn_first() -> None:
     """Wheels turn where they stand; a robot with inertia that drifts aside brakes; a little of both is driven through."""
-    assert _approach(robot=WHEELS, heading=0.1)[2].velocity[0] > 0.9
+    assert _approach(robot=WHEELS, heading=0.27)[2].velocity[0] > 0.9  # leaves the line by 0.27^2 / (2 * 1.9) = 0.019 m
+    assert math.hypot(*_approach(robot=WHEELS, heading=0.29)[2].velocity) == pytest.approx(1e-6)
     assert math.hypot(*_approach(robot=WHEELS, heading=1.0)[2].velocity) == pytest.approx(1e-6)
     assert _approach(robot=WHEELS, heading=1.0, moves=(0.3, 0.4))[2].velocity == (0.0, 0.0)
     heavy = RobotSpec(a_max=1.0)
-    assert _approach(robot=heavy, moves=(0.9, 0.1))[2].velocity[0] > 0.9
-    assert _approach(robot=heavy, moves=(0.9, 0.3))[2].velocity == (0.0, 0.0)
+    assert _approach(robot=heavy, moves=(0.9, 0.19))[2].velocity[0] > 0.9
+    assert _approach(robot=heavy, moves=(0.9, 0.21))[2].velocity == (0.0, 0.0)
 
 
 def test_tracks_of_a_scan_without_a_time_are_where_they_were_seen() -> None:

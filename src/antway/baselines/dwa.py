@@ -93,6 +93,12 @@ class Dwa(Avoider):
         self.kept = margin if self.margin is None else self.margin
         self.turning = 0.0
 
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period, and remember how it turns."""
+        command = super().act(observation)
+        self.turning = command.acts(observation, self.task.robot)[1]
+        return command
+
     def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot = observation, self.task.robot
@@ -104,10 +110,10 @@ class Dwa(Avoider):
             commands = self._window(state)
             ends = self._rolled(o, late, state, commands)
         else:
-            late, seen, commands = 0.0, o, self._candidates(o, target)
+            seen, commands = o, self._candidates(o, target)
             ends = self._ends(o, commands)
         free = np.minimum(ends[:, 0], self.horizon)
-        admissible = free > late + robot.dt + np.abs(ends[:, 2]) / (2 * robot.braking)
+        admissible = free > robot.dt + np.abs(ends[:, 2]) / (2 * robot.braking)
         if self.rolls:
             clear = ends[:, 6] > 0.0
             admissible &= clear
@@ -121,7 +127,6 @@ class Dwa(Avoider):
             best = int(np.argmax(np.where(admissible, self._value(seen, target, ends, free), -math.inf)))
             self.decide("follow", "the best velocity in the window")
         one, two = commands[best].tolist()
-        self.turning = two
         return commanded(one, two, o.heading, robot) if self.rolls else Command((one, two))
 
     def _candidates(self, o: Observation, target: XY) -> NDArray[np.float64]:
