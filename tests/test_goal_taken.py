@@ -12,7 +12,7 @@ from antway import Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, 
 from antway.arena.suites import SuiteEpisode, build, facts
 from antway.tables import NEED_PYRVO, POLICIES
 from antway.world.motions import Line
-from antway.world.nearby import TAKEN, approach
+from antway.world.nearby import TAKEN, approach, contact_radii, now
 from antway.world.world import Obstacle
 
 # Cells (m), how far the goal is from the centre of its cell (m), and how far behind it somebody stands (m).
@@ -125,9 +125,9 @@ def test_the_last_metres_are_straight_to_a_free_place() -> None:
     assert _approach((7.78, 3.0))[2].velocity == pytest.approx(((0.22 - 0.97 * 0.2) / 0.1, 0.0))
     beside = _approach((7.99, 2.0), ((7.52, 3.0),))[2].velocity  # to the right of the goal, seen from below
     assert beside[0] > 0.03 and beside[1] > 0.9
-    heavy = RobotSpec(a_max=1.0)
+    heavy = RobotSpec(a_max=1.0, brake_max=1.5)
     speed = _approach((7.7, 3.0), robot=heavy)[2].velocity[0]
-    assert speed * heavy.dt + speed**2 / 2 == pytest.approx(0.3 - 0.97 * 0.2)
+    assert speed * heavy.dt + speed**2 / 3 == pytest.approx(0.3 - 0.97 * 0.2)
 
 
 def test_nobody_is_at_the_goal_who_moves_or_is_not_near_it() -> None:
@@ -148,7 +148,8 @@ def test_from_afar_who_stands_at_the_goal_does_not_count() -> None:
     assert seen.tracks.covariance.tolist() == [(2.0 * np.eye(4)).tolist()]
     for radius, count in ((1.8, 1), (1.6, 0)):  # 0.9 and 1.1 m from the robot
         assert len(_approach((5.7, 3.0), ((8.7, 3.0),), radius=radius)[0].tracks) == count
-    assert _approach((5.4, 3.0), robot=RobotSpec(a_max=1.0))[2] is not None  # this one has to brake earlier
+    heavy = RobotSpec(a_max=1.0)  # has to brake 0.5 m earlier
+    assert _approach((5.4, 3.0), robot=heavy)[2] is not None and _approach((5.2, 3.0), robot=heavy)[2] is None
 
 
 def test_no_straight_path_leads_through_anybody_or_a_wall() -> None:
@@ -174,6 +175,18 @@ def test_robots_that_would_leave_the_line_stop_and_turn_first() -> None:
     heavy = RobotSpec(a_max=1.0)
     assert _approach(robot=heavy, moves=(0.9, 0.19))[2].velocity[0] > 0.9
     assert _approach(robot=heavy, moves=(0.9, 0.21))[2].velocity == (0.0, 0.0)
+    upwards = _approach((8.0, 1.5), ((8.0, 3.5),), robot=heavy, moves=(0.0, 0.9))[2].velocity
+    assert upwards == pytest.approx((0.0, 1.0))
+    assert _approach(robot=WHEELS, heading=2.0 * math.pi)[2].velocity[0] > 0.9
+
+
+def test_tracks_are_extrapolated_and_margins_end_where_somebody_is_near() -> None:
+    """Half a second after the scan they are on; contact is to begin at the margin, or short of where they are now."""
+    seen = Tracks([0, 1], [(2.0, 3.0), (1.0, 3.7)], [(1.0, -2.0), (math.nan,) * 2], [0.3, 0.3])
+    o = Observation(4.0, (1.0, 3.0), (0.0, 0.0), 0.0, seen, stamp=3.5)
+    assert now(o)[0] == pytest.approx(np.array([(2.5, 2.0), (1.0, 3.7)])) and now(o)[1].tolist() == [[1.0, -2.0], [0.0, 0.0]]
+    far, close = contact_radii(o, now(o)[0], o.xy, RobotSpec(), 0.2).tolist()
+    assert far == pytest.approx(0.8) and 0.69 < close < 0.7
 
 
 def test_tracks_of_a_scan_without_a_time_are_where_they_were_seen() -> None:

@@ -68,6 +68,26 @@ def test_shunting_neurons_come_to_rest_where_the_equations_do() -> None:
             assert np.abs(x).max() <= 1.0 and ((x[1:-1, 1:-1] < 0.0) == (kind[1:-1, 1:-1] == CLOSED)).all()
 
 
+def test_a_sweep_visits_each_cell_once_in_its_order() -> None:
+    """One sweep in each of the four orders against a loop over that order, with the activities as they are by then."""
+    kind, slope = kinds(np.random.default_rng(4)), 0.12
+    for order in range(4):
+        bounded, neurons = np.zeros(kind.shape), np.zeros(kind.shape)
+        relax(bounded, kind, slope, 0.8, order)
+        shunt(neurons, kind, 10.0, 1.0, 1.0, 0.7, 100.0, math.inf, order)
+        slow = np.zeros((2, *kind.shape))
+        rows, cols = (range(1, side - 1)[:: 1 - 2 * (order >> axis & 1)] for axis, side in enumerate(kind.shape))
+        for row in rows:
+            for col in cols:
+                near = [(slow[:, r, c], d) for r, c, d in naive.neighbours(kind, row, col)]
+                excited = 0.7 * sum(max(x[1], 0.0) / d for x, d in near) + 100.0 * (kind[row, col] == TARGET)
+                inhibited = 100.0 * (kind[row, col] == CLOSED)
+                plain = slope * sum(x[0] * (1.0 if d == 1.0 else 0.8) for x, d in near)
+                slow[0, row, col] = {FREE: plain, CLOSED: 0.0, TARGET: 1.0}[int(kind[row, col])]
+                slow[1, row, col] = (excited - inhibited) / (10.0 + excited + inhibited)
+        np.testing.assert_allclose((bounded, neurons), slow, rtol=1e-9, atol=1e-300)
+
+
 def test_one_neuron_follows_the_equation_in_time() -> None:
     """A target without neighbours: x(t) = E / (A + E) (1 - exp(-(A + E) t))."""
     kind, x = np.full((3, 3), CLOSED, np.uint8), np.zeros((3, 3))
