@@ -71,6 +71,10 @@ def test_disc_forces_are_the_gradient_of_ge_and_cuis_potential() -> None:
         fx, fy, obstacle = disc_force(*robot, 0.3, brake, reach, discs[:, :2].copy(), discs[:, 2:4].copy(), discs[:, 4].copy())
         np.testing.assert_allclose((fx, fy), -slope[:2] - slope[2:], rtol=1e-4, atol=1e-5)
         assert (obstacle >= 0) == (potential(robot) > 0.0)
+        alone = [
+            disc_force(*robot, 0.3, brake, reach, d[None, :2].copy(), d[None, 2:4].copy(), d[4:].copy())[:2] for d in discs
+        ]
+        assert obstacle in (-1, np.argmax(np.hypot(*np.array(alone).T))), "the strongest is named"
         assert disc_force(0.0, 0.0, 0.0, 0.0, 0.3, 1.0, 9.0, np.array([[2.0, 0.0]]), np.array([[0.5, 0.0]]), np.ones(1))[2] < 0
 
 
