@@ -175,6 +175,10 @@ def test_a_stop_is_clear_where_dense_steps_find_no_wall() -> None:
         assert clear or gap < 0.005
         both.add(clear)
     assert both == {True, False}
+    terrain = terrain_of(Grid(blocked, 0.2))
+    for gap in (0.004, 0.02):  # from rest a period and braking take 0.01 m
+        at_rest = RobotState(6.0 - WHEELS.radius - gap, 4.0, 0.0, 0.0, 0.0)
+        assert stops_clear(1.0, 0.0, at_rest, WHEELS.limits, dt, terrain) is (gap > 0.01)
 
 
 def test_predictions_are_what_saves_it() -> None:

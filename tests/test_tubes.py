@@ -131,3 +131,20 @@ def test_a_standing_obstacle_has_a_standing_tube() -> None:
     """What does not move is predicted to stay."""
     trajectory = Tubes.predict(2.0, 2.0, np.array([[5.0, 5.0, 0.0, 0.0, 0.3]]), OPEN, 5.0)
     assert np.allclose(trajectory.knots(0)[1], (5.0, 5.0))
+
+
+@pytest.mark.parametrize(("length", "start"), [(3.0, 0.4), (3.0, 0.0), (0.5, 0.4), (0.5, 0.0)])
+def test_the_knots_of_a_leg_lie_on_its_ramps(length: float, start: float) -> None:
+    """Against a robot that is driven in steps of 0.1 ms: as fast as it can still brake to a stand at the end of the leg."""
+    robot = RobotSpec(a_max=0.8, brake_max=2.0)
+    routes = StaticRoutes(Scenario(World(OPEN, ()), (1.0, 1.0), (9.0, 9.0), robot).task)
+    seen = Observation(2.0, (1.0, 1.0), (start, 0.0), 0.0, Tracks.none())
+    path = routes.timed(seen, np.array([(1.0 + length, 1.0)]))
+    t, x, v, step = 0.0, 0.0, start, 1e-4
+    driven = [(t, x)]
+    while x < length - 1e-4 and t < 10.0:
+        v = min(v + robot.a_max * step, robot.v_max, math.sqrt(2.0 * 2.0 * (length - x)))
+        t, x = t + step, x + v * step
+        driven.append((t, x))
+    there = np.interp(path.t - 2.0, *np.array(driven).T)
+    assert there == pytest.approx(path.xy[:, 0] - 1.0, abs=2e-3) and path.t[-1] - 2.0 == pytest.approx(t, abs=0.02)
