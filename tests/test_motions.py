@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, BadScenario, Grid, World
+from antway.kernels.base.rng import make_state
+from antway.kernels.robot.motions import bounce
 from antway.world.motions import BackAndForth, Bounce, Draw, Line, Pursue, RandomWalk, Replay, Waypoints
 from antway.world.timeline import Timeline
 from antway.world.world import Obstacle
@@ -75,6 +77,28 @@ def test_a_bounce_is_a_mirror() -> None:
     line = trajectory(Bounce((5.0, 1.3), speed=math.sqrt(2.0), heading=-math.pi / 4))
     np.testing.assert_allclose(line.at(1.0)[0][0], [6.0, 0.3], atol=1e-8)
     np.testing.assert_allclose(line.at(2.0)[0][0], [7.0, 1.3], atol=1e-8)
+
+
+def test_a_random_walk_turns_at_its_times_in_every_direction() -> None:
+    t, xy = trajectory(RandomWalk((7.5, 5.0), speed=0.05, turn_every=1.7), horizon=60.0).trajectory(0)
+    np.testing.assert_allclose(t[:-1], 1.7 * np.arange(len(t) - 1), atol=1e-9)
+    turned = np.diff(xy, axis=0)[1:]
+    assert len(np.unique(turned > 0.0, axis=0)) == 4 and np.ptp(np.arctan2(*turned.T)) > 5.0
+
+
+def test_a_disc_that_is_wedged_waits_for_its_next_turn() -> None:
+    """Pushed between the corners of two cells it would be reflected for ever; in another direction it may leave."""
+    blocked = np.zeros((20, 21), np.bool_)
+    blocked[5, [9, 11]] = True  # their corners are half a cell from the middle between them
+    row, radius, t, rc = (
+        5.5 + 0.5 * math.tan(math.radians(5.0)),
+        0.5 / math.cos(math.radians(5.0)),
+        np.empty(99),
+        np.empty((99, 2)),
+    )
+    n = bounce(blocked, row, 10.0, 1.0, -math.pi / 2, radius + 1e-8, 2.0, 9.0, make_state(0, 0), t, rc)
+    assert (t[0], t[1]) == (0.0, 2.0) and math.dist(rc[1], (row, 10.0)) == 0.0
+    assert t[n - 1] == 9.0 and np.hypot(*(rc[:n] - (row, 10.0)).T).max() > 1.0
 
 
 def test_chance_depends_on_seed_and_obstacle_alone() -> None:

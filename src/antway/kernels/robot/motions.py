@@ -55,7 +55,6 @@ def bounce(
             angle = 2.0 * math.pi * uniform(state)
             vr, vc = speed * math.sin(angle), speed * math.cos(angle)
             turn += turn_every
-            standing = 0
     return n
 
 
