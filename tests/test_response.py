@@ -17,7 +17,7 @@ from antway.errors import BadParameter
 from antway.kernels.base.records import HOLONOMIC, RobotState
 from antway.kernels.robot.motion import drive_cycle
 from antway.kernels.robot.odometry import COMPARED, HEADING, LAST_X, ODOMETRY, A, B, T, X, Y, compare_speeds
-from antway.kernels.robot.response import GROWS, LED, PLACE, SLOWS, TURNS, WEIGHT, Period, answered, learn, learn_place
+from antway.kernels.robot.response import ERROR_X, GROWS, LED, PLACE, SLOWS, TURNS, WEIGHT, Period, answered, learn, learn_place
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.response import Response
 from antway.policies.guard import Guarded
@@ -90,6 +90,26 @@ def test_a_place_is_missed_by_as_much_as_it_is_wrong(drive: int) -> None:
             found = learn_place(np.array([0.0, *state]), now, predicted, drive == HOLONOMIC, 1.0, place)
             jump = 0.05 * math.hypot(one - predicted.a, two - predicted.b)
             assert found * math.sqrt(2.0) == pytest.approx(miss, abs=2.0 * jump + 2e-3)
+
+
+def test_the_error_of_a_place_is_forgotten_in_three_seconds() -> None:
+    """A place that jumped by 0.1 m and stays there is wrong by a third of that three seconds later."""
+    place = np.zeros(PLACE)
+    place[LED] = 1e9  # no factor is fitted
+    for k in range(31):
+        was = 0.0 if k == 0 else 0.1
+        before, now = np.array([0.1 * k, was, was, 0.0, 0.0, 0.0]), np.array([0.1 * k + 0.1, 0.1, 0.1, 0.0, 0.0, 0.0])
+        learn_place(before, now, REST, True, 1.0, place)
+    assert place[ERROR_X : ERROR_X + 2] == pytest.approx(0.1 / math.e)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_speeds_stay_while_no_command_is_known(drive: int) -> None:
+    """Those above the limits, which may be wrong, too."""
+    limits = some_limits(np.random.default_rng(drive), drive)
+    period = Period(np.zeros(6), np.full(6, 0.1), np.empty(0), np.empty((0, 2)))
+    later = answered(RobotState(0.0, 0.0, 0.0, 1.2, 0.3), period, limits)
+    assert later[3:] == (1.2, 0.3) and later.x > 0.1
 
 
 def drive(
