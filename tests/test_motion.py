@@ -14,6 +14,7 @@ from antway.kernels.base.records import ACKERMANN, DIFFERENTIAL, HOLONOMIC, Robo
 from antway.kernels.robot import sweep
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
 from antway.kernels.robot.cycle import play
+from antway.kernels.robot.dynamics import drive as in_steps
 from antway.kernels.robot.motion import delayed, drive_cycle, drive_roughly
 from antway.kernels.robot.sweep import Body, meets_wall, pose, rolling
 from antway.world.terrain import walls_of
@@ -101,6 +102,16 @@ def test_a_speed_that_becomes_zero_when_a_cycle_ends_does_not_change_its_sign_in
         for _ in range(cycles):
             state = drive_cycle(state, -0.3, 0.0, limits, dt)
         assert abs(state.a) < 1e-12, (dt, cycles, steering)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_command_with_a_number_that_is_not_finite_means_stop(drive: int) -> None:
+    """Whichever number it is, on ramps and in steps."""
+    limits = some_limits(np.random.default_rng(1), drive)
+    state = RobotState(0.0, 0.0, 0.5, 0.5, 0.2)
+    for command in ((math.nan, 1.0), (1.0, math.nan), (math.inf, 0.0), (0.0, -math.inf)):
+        assert drive_cycle(state, *command, limits, 0.1) == drive_cycle(state, 0.0, 0.0, limits, 0.1)
+        assert in_steps(0.5, 0.2, 0.5, *command, limits, 0.1) == in_steps(0.5, 0.2, 0.5, 0.0, 0.0, limits, 0.1)
 
 
 def test_a_late_command_acts_when_it_arrives() -> None:

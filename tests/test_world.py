@@ -62,7 +62,7 @@ def test_drive_agrees_with_its_twin_and_keeps_the_limits() -> None:
         vx, vy, new = drive(speed * math.cos(heading), speed * math.sin(heading), heading, *command, limits, dt)
         now = vx * math.cos(new) + vy * math.sin(new)
         assert abs(wrap(new - heading)) <= 2.0 * dt + 1e-12 and abs(now - speed) <= a_max * dt + 1e-9
-        assert math.hypot(vx, vy) <= v_max + 1e-12 and now >= -1e-12
+        assert math.hypot(vx, vy) <= v_max + 1e-12 and now >= -1e-12 and abs(new) <= math.pi
 
 
 def test_no_step_tunnels() -> None:
