@@ -77,6 +77,16 @@ def test_no_step_tunnels() -> None:
     assert clearance == pytest.approx(0.0, abs=1e-9) and xy[1, 0] == pytest.approx(100.5 + 100 * t[1])
 
 
+def test_a_step_that_begins_in_contact_ends_just_after_its_start() -> None:
+    """The times of a record increase, so that no two of its rows are the same instant."""
+    world = World(Grid(np.zeros((40, 40), dtype=bool)), [Obstacle(0.2, Line((20.4, 20.0), (10.0, 20.0), speed=1.0))])
+    t, xy = np.zeros(2), np.array([[20.0, 20.0], [0, 0]])
+    record = Record(t, xy, np.zeros((2, 2)), np.zeros(2), np.zeros(2), np.array([[1.0, 0.0]]))
+    terrain, trajectories = terrain_of(world.grid), world.timeline(0, 10.0).trajectories
+    what, _, _ = advance(0, 0.1, RobotSpec().limits, np.array([30.0, 20.0, 0.1]), record, terrain, trajectories)
+    assert what == 1 and 0.0 < t[1] < 1e-300 and xy[1].tolist() == [20.0, 20.0]
+
+
 def test_world_refuses_what_is_no_world() -> None:
     """Obstacles without radius or motion and turned maps raise the typed error."""
     grid = Grid(np.zeros((3, 3), dtype=bool))
