@@ -14,7 +14,7 @@ import pytest
 
 from antway import EpisodeResult, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, World, check_episode, run
 from antway.planning import TimedPath
-from antway.verify_motion import wall_gaps
+from antway.verify_motion import last_gaps, wall_gaps
 from antway.verify_steps import step_gaps, wall_gap
 from antway.world.motions import Line
 from antway.world.policy import Command, Decision
@@ -184,8 +184,8 @@ def test_a_goal_is_passed_within_its_tolerance_alone(robot: RobotSpec) -> None:
     trace = drive(robot).trace
     middle = trace.xy[20] + 0.3 * (trace.xy[21] - trace.xy[20])
     for place, off, passed in (
-        *((middle, (0.0, off), abs(off) < 0.01) for off in (0.0099, -0.0099, 0.0101, -0.0101)),
-        *((trace.xy[0], (-0.0101, 0.0), False), (trace.xy[-1], (0.0101, 0.0), False)),
+        *((middle, (0.0, off), abs(off) < 0.01) for off in (0.00998, -0.00998, 0.010005, -0.010005)),
+        *((trace.xy[0], (-0.010005, 0.0), False), (trace.xy[-1], (0.010005, 0.0), False)),
     ):
         goal = place + np.array(off)
         faults = ""
@@ -194,6 +194,21 @@ def test_a_goal_is_passed_within_its_tolerance_alone(robot: RobotSpec) -> None:
         except InvalidPlan as error:  # also that the heading is not towards such a goal
             faults = str(error)
         assert ("goes on after it passed the goal" in faults) == passed, (goal, faults)
+
+
+def test_a_goal_at_a_corner_within_a_step_is_passed() -> None:
+    """The robot turns by a right angle half a period after its command, 35 mm from the line between the two places."""
+
+    class Turns(Straight):
+        def act(self, o) -> Command:
+            return Command((1.0, 0.0) if o.t < 1.0 else (0.0, 1.0))
+
+    hall = World(Grid(np.zeros((20, 40), dtype=bool), 0.25))
+    trace = run(Scenario(hall, (0.5, 0.5), (9.0, 0.5), RobotSpec(latency=0.05), horizon=2.0), Turns()).trace
+    for goal, passed in (((1.5, 0.5), True), ((1.5 - 0.04, 0.5 + 0.04), False)):
+        with pytest.raises(InvalidPlan) as error:  # if only as the heading is not towards such a goal
+            check_episode(replace(trace, task=replace(trace.task, goal=goal, goal_tolerance=0.01)))
+        assert ("goes on after it passed the goal" in str(error.value)) == passed
 
 
 def test_results_that_contradict_their_trace_are_refused() -> None:
@@ -341,6 +356,37 @@ def test_ramps_that_end_within_a_small_step_are_right(robot: RobotSpec, command:
     check_episode(run(Scenario(hall, (4.0, 4.0), (9.0, 9.0), robot, horizon=4.0), Turns()))
 
 
+@pytest.mark.parametrize("kind", ["holonomic", "differential"])
+def test_a_command_that_would_act_after_the_contact_does_not_act(kind: str) -> None:
+    """Speeds change at once, half a period late, and the robot is stopped by a wall in the first half of a period."""
+    robot, early = RobotSpec(drive=kind, latency=0.05, footprint=((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1))), 0
+
+    class Changes(Straight):
+        def act(self, o) -> Command:
+            speed = 1.0 - 0.5 * (round(10.0 * o.t) % 2)
+            return Command((speed, 0.0), (speed, 1e-3 * speed))
+
+    blocked = np.zeros((4, 40), dtype=bool)
+    blocked[:, 12] = True
+    for k in range(5):
+        result = run(Scenario(World(Grid(blocked, 0.25)), (0.5 + 0.02 * k, 0.5), (9.0, 0.5), robot, horizon=9.0), Changes())
+        assert result.outcome is Outcome.HIT_WALL
+        check_episode(result)
+        early += result.time % 0.1 < 0.05
+    assert 0 < early < 5
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_a_step_past_a_corner_is_as_near_as_the_corner(turn: int) -> None:
+    """Of all four corners of a cell; both ends of the step are far away."""
+    blocked, robot = np.zeros((9, 9), dtype=bool), RobotSpec(radius=0.1)
+    blocked[4, 4] = True
+    c, s = math.cos(0.5 * math.pi * turn), math.sin(0.5 * math.pi * turn)
+    xy = 4.5 + np.array([(-0.5, 1.5), (1.5, -0.5)]) @ [(c, s), (-s, c)] + 0.1 * np.array([(c - s, s + c)])
+    trace: Any = SimpleNamespace(xy=xy, task=SimpleNamespace(grid=Grid(blocked), robot=robot))
+    assert wall_gap(trace, 0) == pytest.approx(0.1 * math.sqrt(2.0) - 0.1)
+
+
 def depth(grid: Grid, places: np.ndarray) -> float:
     """The least distance of points [N, 2] to blocked cells and to what is off the map, m; the negative depth off the map."""
     size, (rows, cols) = grid.resolution, grid.shape
@@ -383,6 +429,13 @@ def test_gaps_are_those_of_points_sampled_densely() -> None:
             true = depth(grid, inside) - (0.0 if body else radius)
             assert gap <= true + 1e-9 and (gap > 0.0) == (true > 0.0), case  # between polygons it is a lower bound
             assert body or min(gap, size) == pytest.approx(min(true, size)), case
+            trace.heading = pose[2:]
+            trace.xy = np.vstack((pose[:2], pose[:2]))
+            (away,), wall = last_gaps(trace)
+            true = np.hypot(*(inside - there[-1]).T).min()  # from the edges of a polygon, also to a point within
+            away += 0.1 + (0.0 if body else radius)
+            assert wall == gap and abs(away) == pytest.approx(true, abs=1e-2 * size), case
+        trace.xy = xy
         assert step_gaps(trace)[0, 0] == pytest.approx(
             np.hypot(*(there - places).T).min() - 0.1 - robot.radius, abs=5e-3 * size
         ), case
