@@ -64,6 +64,25 @@ def test_closed_cells_are_those_that_sampling_finds(whole: bool) -> None:
     assert shut > 20
 
 
+def test_every_cell_is_asked_that_a_tube_may_close() -> None:
+    """Each cell of a window against a body that stands at its centre for the time in which the robot may arrive there."""
+    rng, shut = np.random.default_rng(6), 0
+    for _ in range(cases(40, 2000)):
+        trajectory, (top, left) = tubes(rng, 1), rng.integers(0, 28, 2).tolist()
+        x, y = rng.uniform(1, 9, 2).tolist()
+        closed = trajectory.close(OPEN, (top, left, 12, 12), (x, y), 1.5, 0.4, 3.0, whole=False)[
+            top : top + 12, left : left + 12
+        ]
+        for row, col in np.ndindex(12, 12):
+            cx, cy = OPEN.centre((top + row, left + col))
+            away = math.hypot(cx - x, cy - y) / 1.5
+            first, last = min(0.9 * away, 3.0), min(1.3 * away + 0.5, 3.0)
+            met, _ = first_conflict(np.array([first]), np.array([(cx, cy)]), last, 0.4, 0.0, trajectory.trajectories)
+            assert closed[row, col] == (met < math.inf)
+        shut += closed.sum()
+    assert shut > 100
+
+
 def test_conflicts_are_those_that_sampling_finds() -> None:
     """The first conflict of a timed path is the first sampled instant within a tube; without one there is none."""
     rng = np.random.default_rng(4)
