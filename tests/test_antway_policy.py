@@ -37,7 +37,7 @@ from antway.kernels.base import jit
 from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, PLANNED
 from antway.kernels.spacetime.memory import SEGMENTS
 from antway.planning import TimedPath
-from antway.policies.antway import rehearsal
+from antway.policies.antway import odometry, rehearsal
 from antway.policies.antway import state as state_module
 from antway.policies.antway import tracker as tracker_module
 from antway.policies.antway.alternatives import CROSSING, ELSE, Weighed
@@ -629,6 +629,18 @@ def test_nothing_is_compiled_for_a_rehearsal(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(rehearsal, "_done", set())
     for robot in (RobotSpec(), load_robot("diff")):
         rehearsal.rehearse(lambda **options: pytest.fail("a policy was made"), robot)
+
+
+@pytest.mark.skipif(jit.PLAIN, reason="nothing is compiled")
+def test_a_rehearsal_predicts_the_speeds_of_a_robot_that_measures_wrong_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its kernel, which nothing else calls from Python, is then there before a robot turns out to be such a one."""
+    monkeypatch.setattr(rehearsal, "is_compiled", lambda folder, kernel: True)
+    monkeypatch.setattr(rehearsal, "_done", set())
+    called, answered = [], odometry.answered
+    monkeypatch.setattr(odometry, "answered", lambda *given: called.append(given) or answered(*given))
+    for n, robot in enumerate((RobotSpec(), RobotSpec(a_max=1.0), load_robot("diff")), 1):
+        rehearsal.rehearse(AntwayPolicy, robot, controls=ControlOptions())
+        assert len(called) >= n
 
 
 @pytest.mark.skipif(jit.PLAIN, reason="nothing is compiled")

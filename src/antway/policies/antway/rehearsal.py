@@ -12,6 +12,9 @@ from antway.kernels.base.cache import is_compiled
 from antway.kernels.base.jit import PLAIN
 from antway.kernels.base.records import RobotState
 from antway.kernels.robot.motion import delayed
+from antway.kernels.robot.odometry import COLUMNS, T
+from antway.kernels.robot.response import Period
+from antway.policies.antway.odometry import OdometryCheck
 from antway.world.policy import XY, Observation, Policy, Task, Tracks
 from antway.world.robots import RobotSpec
 
@@ -41,6 +44,17 @@ def rehearse(make: Callable[..., Policy], robot: RobotSpec, **options: object) -
         commands.append(policy.act(observation).acts(observation, kind))
         policy.explain()
         state = _driven(kind, state, commands[n])
+    if robot.dynamics != "steps":
+        _correct_speeds(kind)
+
+
+def _correct_speeds(robot: RobotSpec) -> None:
+    """Predict the speeds of a robot that measures wrong ones, or no turn rate."""
+    check, seen = OdometryCheck(robot), np.zeros((2, COLUMNS))
+    check.measured, check.turn_rate, seen[1, T] = False, 0.0, robot.dt
+    period = Period(seen[0], seen[1], np.zeros(1), np.zeros((1, 2)))
+    check.correct(period, robot.limits)
+    check.turn(period, robot.limits)
 
 
 def _kind_of(robot: RobotSpec) -> RobotSpec:
