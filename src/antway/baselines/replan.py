@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any
@@ -22,7 +23,7 @@ from antway.search.dstarlite import DStarLite as Search
 from antway.search.sipp import NO_SEGMENTS
 from antway.search.sipp import Sipp as SpaceTime
 from antway.world.line_of_sight import clear, goal_of_cells, nearest_free
-from antway.world.nearby import TAKEN, approach, contact_radii, keeping_velocity, now
+from antway.world.nearby import STRAIGHT_IN, TAKEN, approach, contact_radii, keeping_velocity, now
 from antway.world.policy import XY, Command, Decision, Observation, Task
 from antway.world.terrain import terrain_of
 
@@ -95,7 +96,7 @@ class Follow:
             self.decision = Decision(action, reason, **more)
 
 
-class Avoider(Follow):
+class Avoider(Follow, ABC):
     """Steer by a method of one's own, and drive straight into the goal's tolerance if somebody stands at the goal.
 
     Methods that drive to the goal itself would wait for good where somebody stands so near to it that they do not come closer.
@@ -110,12 +111,12 @@ class Avoider(Follow):
         self.at_goal = None if command is not None else obstacle
         if command is None:
             return self.steer(seen)
-        self.decide("avoid", f"{TAKEN}: straight to a free place within the tolerance", obstacle=obstacle)
+        self.decide("avoid", STRAIGHT_IN, obstacle=obstacle)
         return command
 
+    @abstractmethod
     def steer(self, observation: Observation) -> Command:
         """Return the command of the method for the next control period."""
-        raise NotImplementedError
 
     def decide(self, action: str, reason: str, **more: Any) -> None:
         """Do as in `Follow`; the reason is that somebody stands at the goal if no place there can be reached."""

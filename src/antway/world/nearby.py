@@ -17,7 +17,8 @@ from antway.world.robots import RobotSpec
 from antway.world.rollouts import acting
 
 STANDING = 0.05  # m/s; an obstacle slower than this counts as standing
-TAKEN = "somebody stands at the goal"
+TAKEN = "somebody stands at the goal"  # the reason of a robot that waits for its goal
+STRAIGHT_IN = f"{TAKEN}: straight to a free place within the tolerance"  # that of one that need not wait
 _NEAR = 2.0  # m; a robot is near its goal if it can brake within this distance of the tolerance
 _SIDES = 16  # number of places tried within the tolerance, besides the nearest one and the goal
 _INSIDE = 0.97  # 1; they are at this share of the tolerance from the goal

@@ -26,7 +26,7 @@ from antway.policies.paper.local_target import local_target
 from antway.policies.paper.routes import STOP, Nodes, PathsFrom, StaticRoutes
 from antway.policies.paper.tubes import Ahead, Tubes
 from antway.world.ants import AntStep, LaidTrails
-from antway.world.nearby import TAKEN, approach
+from antway.world.nearby import STRAIGHT_IN, TAKEN, approach
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.rollouts import acting
 
@@ -145,7 +145,7 @@ class PaperPolicy:
         seen, obstacle, command = approach(self.routes.task, observation, self.kept)
         if command is not None:
             self._take(np.array([self.here]), retreating=True)  # if they go away, the robot rejoins its path from there
-            self._say(f"{TAKEN}: straight to a free place within the tolerance", obstacle, "avoid")
+            self._say(STRAIGHT_IN, obstacle, "avoid")
         else:
             command = self._steer(acting(seen, self.spec)[1])
             if obstacle is not None:
