@@ -502,7 +502,7 @@ def test_the_length_of_tables_of_tracks_does_not_matter_while_all_fit(monkeypatc
         for k, n in enumerate([5, 5, 30, 90, 90, 300, 300, 20]):
             tracks = Tracks(np.arange(n), xy[:n] + 0.1 * k * velocity[:n], velocity[:n], np.full(n, 0.2))
             said.append(policy.act(Observation(0.1 * k, (2.0, 2.0), (0.0, 0.0), 0.0, tracks)))
-        assert len(policy.state.tracker.table.rows) == len(policy.state.crowd.averaged) == tracker_module.MOST_ROWS
+        assert len(policy.state.tracker.table.rows) == len(policy.state.crowd.tracks.averaged) == tracker_module.MOST_ROWS
         return said
 
     usual = commands()

@@ -454,9 +454,10 @@ def test_a_cycle_plans_keeps_and_gives_up() -> None:
         )
 
         def cycle(now: float, xy: tuple[float, float], estimates: np.ndarray, s=s, policy=policy):
-            s.crowd.averaged[: len(estimates)] = estimates
+            n, tracks = len(estimates), s.crowd.tracks
+            tracks.estimates[:n] = tracks.averaged[:n] = estimates
             return crossing.cycle(
-                policy.memory(), s.trails, s.context, s.terrain, s.settings, s.plan, s.crowd, estimates, now, now, xy, s.rng
+                policy.memory(), s.trails, s.context, s.terrain, s.settings, s.plan, s.crowd, n, now, now, xy, s.rng
             )  # fmt: skip
 
         vx, vy, what = cycle(0.0, xy, estimates)

@@ -758,7 +758,7 @@ def test_margins_are_narrow_where_nobody_sways() -> None:
             velocity = held + rng.normal(0.0, sway, (5, 2))
             policy.act(Observation(0.1 * k, (2.0, 2.0), (0.0, 0.0), 0.0, Tracks(np.arange(5), xy, velocity, np.full(5, 0.3))))
             xy = xy + 0.1 * velocity
-        known, filtered = policy.state.crowd.averaged[:5], policy.state.tracker.estimates[:5]
+        known, filtered = policy.state.crowd.tracks.averaged[:5], policy.state.tracker.estimates[:5]
         assert (known[:, SIGMA_V].max() < 0.02) == narrow == np.array_equal(known[:, :4], filtered[:, :4])
         wrong.append(float(known[:, SIGMA_V].mean()))
     assert wrong == sorted(wrong)

@@ -59,7 +59,7 @@ def test_what_the_policy_knows_does_not_depend_on_the_order_of_scans(measured: b
             s = policy.state
             assert s is not None
             at, c = np.argsort(s.tracker.estimates[:, ID]), s.crowd
-            rows = s.tracker.estimates, c.averaged[:N], c.velocity_error[:N, None], c.turning.rate[:N, None]
+            rows = s.tracker.estimates, c.tracks.averaged[:N], c.velocity_error[:N, None], c.turning.rate[:N, None]
             found.append(np.hstack(rows)[at])
         assert found[1] == pytest.approx(found[0], abs=1e-9)
 

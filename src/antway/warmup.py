@@ -81,7 +81,6 @@ def late() -> None:
     """
     from antway import Command, Problem, RobotSpec, Task, load_map, load_scenario, solve
     from antway.kernels.search.polyanya import build_mesh
-    from antway.kernels.tracking.predict import crosses_edge
     from antway.policies.antway.alternatives import Snapshot, manner
     from antway.policies.antway.policy import AntwayPolicy
     from antway.policies.guard import Guard
@@ -93,7 +92,7 @@ def late() -> None:
     build_mesh(task.grid.blocked)  # meanwhile the episode compiles the moves on the map
     policy.reset(task, 0)
     s = policy._state
-    estimates, prediction = s.crowd.averaged[:1].copy(), s.crowd.prediction[:1].copy()
+    estimates, prediction = s.crowd.tracks.averaged[:1].copy(), s.crowd.prediction[:1].copy()
     estimates[0, :2], prediction[:] = (task.start[0] + 2.0, task.start[1]), 0.0  # an obstacle that is predicted to stand
     none = s.plan.segments[:0].copy()
     snapshot = Snapshot(s.context, s.settings, s.terrain, 0.0, 0.0, task.start, estimates, prediction, none)
@@ -109,7 +108,6 @@ def late() -> None:
     seen = stage.observe()
     s.tracker.estimates = estimates
     policy._aside(seen, 0.0, (0.0, 0.0))
-    crosses_edge(estimates, s.terrain)
     stage.drive(0.0, 0.0)
     policy.pheromone()
     guard.limit(seen, Command((0.0, 0.0)))

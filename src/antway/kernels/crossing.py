@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from antway.kernels.base import records
-from antway.kernels.base.arrays import Bools, Floats, Ints
+from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import Predictions, Terrain
 from antway.kernels.base.rng import State
@@ -20,6 +20,7 @@ from antway.kernels.tracking.crowd import foresee
 from antway.kernels.tracking.curves import Turning, predict_turns, turn_rates
 from antway.kernels.tracking.predict import SIGMA_V, VX, VY, TubeMargins, X, Y, predict, time_shift
 from antway.kernels.tracking.prediction_error import compare_predictions, store_predictions
+from antway.kernels.tracking.scan import TrackEstimates
 from antway.kernels.tracking.table import Table
 
 KEPT, NEW, NONE = range(3)  # what a cycle did with the plan
@@ -66,9 +67,7 @@ class Crowd(NamedTuple):
 
     people: Table  # [M, crowd.COLUMNS]
     prediction: Floats  # [M, STEPS, 2] m/s; predicted velocities
-    seen: Bools  # [M] which tracks the last scan shows
-    changes: Floats  # [M, 4] how velocities have changed, see kernels/tracking/changes.py
-    averaged: Floats  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
+    tracks: TrackEstimates  # after the last scan
     turning: Turning
     stored: Table  # [M, prediction_error.COLUMNS] stored predictions and their errors
     pool: Floats  # [2] errors of all tracks together, see kernels/tracking/prediction_error.py
@@ -298,7 +297,7 @@ def cycle(
     settings: PolicySettings,
     plan: PlanInUse,
     crowd: Crowd,
-    estimates: Floats,
+    known: int,
     now: float,
     scanned: float,
     xy: tuple[float, float],
@@ -306,13 +305,13 @@ def cycle(
 ) -> tuple[float, float, int]:
     """Return the velocity (vx, vy) that the robot is to take, m/s, and what the cycle did with the plan.
 
-    The `estimates` are those of kernels/tracking/kalman.py at the time `scanned`, s, of the last scan.
+    The tracks are the first `known` rows of `crowd.now`, at the time `scanned`, s, of the last scan.
     """
-    s, n, age, most_delay = settings, len(estimates), now - scanned, 0.0
-    seen = crowd.seen[:n]
-    averaged, velocity_error = crowd.averaged[:n], crowd.velocity_error[:n]
+    s, n, age, most_delay = settings, known, now - scanned, 0.0
+    estimates, seen, averaged = crowd.tracks.estimates[:n], crowd.tracks.seen[:n], crowd.tracks.averaged[:n]
+    velocity_error = crowd.velocity_error[:n]
     # Compare earlier predictions with what happened.
-    turn_rates(crowd.turning, estimates, seen, averaged, crowd.changes[:n], scanned)
+    turn_rates(crowd.turning, estimates, seen, averaged, crowd.tracks.changes[:n], scanned)
     compare_predictions(crowd.stored, crowd.pool, crowd.missed, averaged, seen, scanned, velocity_error)
     if s.wide_tubes.robot_radius > 0.0 and n > 0:
         copy_row(velocity_error, averaged[:, SIGMA_V])

@@ -242,6 +242,8 @@ class Guard:
         n = self.count = kernel.within_reach(
             self.table, self.count, o.t, stamp, self.hold, *scan, self.spread, self.bounds, self.tracks
         )
+        if self.dynamic is None and self.walls is None:
+            return self.tracks[:n]
         # Whose velocity is not known may go anywhere, as may an obstacle that the last scan does not show.
         self.seen = (self.tracks[:n, AGE] <= o.t - stamp) & (self.table[:n, kernel.TRACK_SPEED] >= 0.0)
         swerve = self.task.obstacle_swerve

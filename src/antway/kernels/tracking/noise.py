@@ -12,7 +12,7 @@ import numpy as np
 
 from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.tracking.table import SEEN, TRACK_ID, Table, row_or_oldest
+from antway.kernels.tracking.table import SEEN, TRACK_ID, Table, by_id, row_or_oldest
 
 # Columns of a row after TRACK_ID and SEEN: the last measurement of a track, and the time between its last two, NaN where there
 # was one.
@@ -57,7 +57,7 @@ def measured_noise(
     The change of a velocity with noise of variance R has the same median. But people change theirs as well: velocities that are
     wrong lead to wrong places, so their variance is at most that of the innovations' mean velocity, 4 R / dt^2 of places.
     """
-    for k in range(len(track_id)):
+    for k in by_id(track_id):
         vx, vy, dt = velocity[k, 0], velocity[k, 1], math.nan
         measured = not math.isnan(vx + vy)
         if not measured and state[PLACE] == 0.0:

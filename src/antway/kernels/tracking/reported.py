@@ -6,7 +6,7 @@ import math
 
 from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import kernel
-from antway.kernels.tracking.table import SEEN, TRACK_ID, Table, row_or_oldest
+from antway.kernels.tracking.table import SEEN, TRACK_ID, Table, by_id, row_or_oldest
 
 # Columns of a row after TRACK_ID and SEEN: when and where a track was at the beginning of a span, how far reported velocities
 # have led since then, the velocity reported last, and that between the places of the span before.
@@ -41,7 +41,7 @@ def wrong(
     `span` of SPANS.
     """
     least, enough, times = span
-    for k in range(len(track_id)):
+    for k in by_id(track_id):
         px, py = math.nan, math.nan
         i, is_new = row_or_oldest(Table(rows, used, TRACK_ID), float(track_id[k]))
         row = rows[i]
@@ -65,3 +65,15 @@ def wrong(
         row[_X], row[_Y], row[_DX], row[_DY] = xy[k, 0], xy[k, 1], 0.0, 0.0
         row[_VX], row[_VY], row[_PX], row[_PY] = velocity[k, 0], velocity[k, 1], px, py
     return bool(state[0] >= enough and state[1] > times * state[2] + _LEAST * state[0])
+
+
+@kernel
+def wrong_in_spans(
+    tables: tuple[Table, Table], states: Floats, t: float, track_id: Ints, xy: Floats, velocity: Floats
+) -> tuple[bool, bool]:
+    """Do as `wrong` for each of SPANS, with its table and its row of `states`, float64[2, 3]."""
+    (rows, used, _), (later_rows, later_used, _) = tables
+    return (
+        wrong(rows, used, states[0], t, track_id, xy, velocity, SPANS[0]),
+        wrong(later_rows, later_used, states[1], t, track_id, xy, velocity, SPANS[1]),
+    )

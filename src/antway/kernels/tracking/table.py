@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from antway.kernels.base.arrays import Floats, Ints
-from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 
 TRACK_ID, SEEN = range(2)  # first columns of most tables: the id of the track, and when it was last seen, s
@@ -30,6 +30,15 @@ def make_table(rows: int, columns: int, id_column: int = TRACK_ID) -> Table:
 def rows_in_use(table: Table) -> Floats:
     """Return a view of the rows in use."""
     return table.rows[: table.used[0]]
+
+
+@kernel
+def by_id(track_id: Ints) -> Ints:
+    """Return the order of a scan by the ids of its tracks: what is learnt of all of them together depends on the order."""
+    for k in range(1, len(track_id)):
+        if track_id[k] < track_id[k - 1]:
+            return np.argsort(track_id)
+    return np.arange(len(track_id))  # most sensors tell them in this order
 
 
 @bare_kernel

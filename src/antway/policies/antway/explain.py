@@ -41,7 +41,7 @@ def explain_cycle(s: State, why: str, pheromone: Pheromone | None, memory: Memor
     wait = 0.0 if s.path is None else wait_of(s.path, t)
     s.until = t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
     now = t, float(seen.t - seen.sensed_at), (float(x), float(y))
-    tracks = s.crowd.averaged[:known].copy(), s.crowd.prediction[:known].copy()
+    tracks = s.crowd.tracks.averaged[:known].copy(), s.crowd.prediction[:known].copy()
     segments = s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy()
     snapshot = Snapshot(s.detours.without(s.context), s.settings, s.terrain, *now, *tracks, segments)
     if s.detours.is_cut_off(seen.xy, s.settings.colony.leg_cells):

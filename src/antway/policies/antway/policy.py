@@ -213,7 +213,7 @@ class AntwayPolicy:
             trails=states.make_trails(cells),
             plan=states.make_plan(),
             tracker=tracker,
-            crowd=states.make_crowd(task),
+            crowd=states.make_crowd(task, tracker.tracks),
             seed=seed,
             rng=make_state(seed, 0),
             response=response,
@@ -269,8 +269,8 @@ class AntwayPolicy:
         doubted = s.tracker.doubts_velocities
         observation = s.tracker.corrected(as_sensed)
         if s.tracker.doubts_velocities != doubted:  # predictions were from other velocities
-            s.crowd = states.make_crowd(s.task)
-        states.update_tracks(s, observation, self.mode == "strict")
+            s.crowd = states.make_crowd(s.task, s.tracker.tracks)
+        states.update_tracks(s, observation)
         if observation.sensed_at >= s.detours.due:
             self._look_for_detours(observation)
             s = self._state
@@ -376,7 +376,7 @@ class AntwayPolicy:
         s = self._state
         states.adapt_settings(s, o.t, self.horizon)
         now = float(o.t), float(o.sensed_at), (float(o.xy[0]), float(o.xy[1]))
-        known = s.context, s.terrain, s.settings, s.plan, s.crowd, s.tracker.estimates, *now, s.rng
+        known = s.context, s.terrain, s.settings, s.plan, s.crowd, len(s.tracker.estimates), *now, s.rng
         return call(cycle, s.memory or self.memory(), s.trails, *known)
 
     def _aside(self, o: Observation, age: float, command: XY) -> XY:
@@ -386,7 +386,7 @@ class AntwayPolicy:
         if s.settings.wide_tubes.robot_radius == 0.0 or known == 0:
             return command
         knots, at = s.plan.knots[: int(s.plan.state[KNOT_COUNT])], (float(o.xy[0]), float(o.xy[1]))
-        averaged, dt = s.crowd.averaged[:known], s.settings.dt
+        averaged, dt = s.crowd.tracks.averaged[:known], s.settings.dt
         return call(sidestep, knots, float(o.t), float(age), at, command, averaged, s.context, dt)
 
     def _planned(self) -> TimedPath | None:

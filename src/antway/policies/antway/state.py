@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from antway.errors import CellBlocked, OutOfBounds
 from antway.grid import Grid, Moves
-from antway.kernels.base.jit import call
 from antway.kernels.base.records import Terrain
 from antway.kernels.controls.problem import StaticField
 from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, Crowd, PlanInUse, PolicySettings
@@ -21,7 +20,8 @@ from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.kernels.tracking import crowd, curves, prediction_error
-from antway.kernels.tracking.predict import ID, crosses_edge
+from antway.kernels.tracking.predict import ID
+from antway.kernels.tracking.scan import TrackEstimates
 from antway.kernels.tracking.table import make_table
 from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
@@ -133,15 +133,16 @@ def make_plan() -> PlanInUse:
     return PlanInUse(np.empty((KNOTS, 3)), np.empty((SEGMENTS, 8)), state)
 
 
-def make_crowd(task: Task) -> Crowd:
-    """Return empty tables for predictions. The less obstacles may swerve, the less wrong predictions seem at first."""
+def make_crowd(task: Task, tracks: TrackEstimates) -> Crowd:
+    """Return empty tables for predictions of `tracks`, which a tracker updates.
+
+    The less obstacles may swerve, the less wrong predictions seem at first.
+    """
     rows, (error, weight) = MOST_ROWS, prediction_error.POOL
     return Crowd(
         people=make_table(rows, crowd.COLUMNS, ID),
         prediction=np.empty((rows, crowd.STEPS, 2)),
-        seen=np.zeros(rows, np.bool_),
-        changes=np.zeros((rows, 4)),
-        averaged=np.zeros((rows, 8)),
+        tracks=tracks,
         turning=curves.Turning(make_table(rows, curves.COLUMNS), np.zeros(curves.POOL), np.zeros(rows)),
         stored=make_table(rows, prediction_error.COLUMNS),
         pool=np.array([error * relative_swerve(task), weight]),
@@ -221,22 +222,12 @@ def full_and_careful(context: PlanningContext, stopping_time: float, robot: Robo
     return (context, stopping_time), (careful, robot.dt + slow / robot.a_max if guarded else 0.0)
 
 
-def update_tracks(s: State, o: Observation, strict: bool) -> None:
+def update_tracks(s: State, o: Observation) -> None:
     """Update the track estimates with a scan."""
-    t = o.sensed_at
-    s.tracker.update(o.tracks, t, s.terrain, o.xy, s.task.robot.sensor_range)
-    estimates = s.tracker.estimates
-    seen = s.crowd.seen[: len(estimates)]
-    seen[:] = s.tracker.last_seen == t
-    s.tracker.compare(t, s.terrain, seen, s.crowd.changes)
-    # A track that is not in this scan may have turned back at the edge already.
-    outside = len(estimates) > 0 and s.settings.tubes.edges and call(crosses_edge, estimates, s.terrain)
-    if outside and call(crosses_edge, estimates[seen], s.terrain):
+    robot = s.task.robot
+    s.tracker.update(o.tracks, o.sensed_at, s.terrain, o.xy, robot.sensor_range, not robot.stepwise)
+    if s.tracker.beyond_edge and s.settings.tubes.edges:
         s.settings = without_edges(s.settings)
-    if strict:
-        s.crowd.averaged[: len(estimates)] = estimates
-    else:
-        s.tracker.average(t, seen, s.crowd.changes, not s.task.robot.stepwise, s.crowd.averaged)
 
 
 def adapt_settings(s: State, now: float, horizon: float) -> None:

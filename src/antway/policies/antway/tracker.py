@@ -12,6 +12,7 @@ from antway.kernels.base.jit import call, entry
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import averages, changes, kalman, noise, reported
 from antway.kernels.tracking.predict import ID, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.scan import Known, TrackEstimates, take_in
 from antway.kernels.tracking.table import Table, make_table, rows_in_use
 from antway.world.policy import XY, Observation, Tracks
 
@@ -34,15 +35,25 @@ class Tracker:
     def __init__(self, strict: bool = False) -> None:
         self._strict = strict
         self.table = make_table(MOST_ROWS, kalman.COLUMNS, ID)
-        self._estimates = np.zeros((MOST_ROWS, 8))
-        self.estimates = self._estimates[:0]  # of the tracks known after the last scan, as in kernels/tracking/predict.py
-        self.averages = make_table(MOST_ROWS, averages.COLUMNS)
+        self._known = Known(
+            self.table,
+            make_table(MOST_ROWS, changes.COLUMNS),
+            np.zeros(3),
+            make_table(MOST_ROWS, averages.COLUMNS),
+            np.zeros(averages.POOL),
+        )
+        # What is known after the last scan, and of it the estimates of the tracks there are.
+        self.tracks = TrackEstimates(
+            np.zeros((MOST_ROWS, 8)), np.zeros(MOST_ROWS, np.bool_), np.zeros((MOST_ROWS, 4)), np.zeros((MOST_ROWS, 8))
+        )
+        self.estimates = self.tracks.estimates[:0]
+        self.beyond_edge = False  # whether the last scan shows an obstacle beyond an edge of the map
         # For kernels/tracking/noise.py.
         self._measured, self._noise = make_table(MOST_ROWS, noise.COLUMNS), np.zeros(noise.STATE)
         # The measurements last compared and their errors, for each span of kernels/tracking/reported.py.
-        self._compared = [(make_table(MOST_ROWS, reported.COLUMNS), np.zeros(3), span) for span in reported.SPANS]
+        self._compared = make_table(MOST_ROWS, reported.COLUMNS), make_table(MOST_ROWS, reported.COLUMNS)
+        self._errors = np.zeros((2, 3))
         self._variance = np.zeros((MOST_ROWS, 2))  # of the last scan
-        self._seen = make_table(MOST_ROWS, changes.COLUMNS)  # see kernels/tracking/changes.py
         self._has_velocities = True  # whether the sensor measured those of all tracks in the last scan
         self.doubts_velocities = False  # whether the reported velocities are not used, because they do not predict places
         self._forget()
@@ -62,8 +73,7 @@ class Tracker:
             seen = replace(seen, tracks=nearest(seen.tracks, seen.xy))
         tracks, self._next_id = with_ids(seen.tracks, t, self.table, self._next_id)
         if tracks.covariance is None:
-            scan = _by_id(tracks)
-            wrong = [reported.wrong(table.rows, table.used, errors, t, *scan, span) for table, errors, span in self._compared]
+            wrong = call(reported.wrong_in_spans, self._compared, self._errors, t, tracks.id, tracks.xy, tracks.velocity)
             if any(wrong) != self.doubts_velocities:
                 self.doubts_velocities = any(wrong)
                 self._forget()
@@ -77,45 +87,41 @@ class Tracker:
         """Forget what was learnt from velocities, such as that places are wrong to which they do not lead."""
         rows = rows_in_use(self.table)  # places are known again after a scan, and velocities after two
         rows[:, [VX, VY, kalman.P12]], rows[:, [kalman.P11, kalman.P22]] = 0.0, kalman.UNKNOWN**2
-        self.averages.used[0], self._seen.used[0], self._measured.used[0] = 0, 0, 0
+        self._known.averages.used[0], self._known.compared.used[0], self._measured.used[0] = 0, 0, 0
         self.fastest = 0.0  # m/s; speed of the fastest track seen
         self._noise[:] = 0.0
         self._largest = np.zeros(2)  # the largest variances that innovations have shown, if places were not nearly exact
-        self.pool, self._turns = np.zeros(averages.POOL), np.array([changes.FIRST_SECONDS, 0.0, 0.0])
+        self._known.pool[:], self._known.turns[:] = 0.0, (changes.FIRST_SECONDS, 0.0, 0.0)
 
-    def update(self, tracks: Tracks, t: float, terrain: Terrain, xy: XY = (0.0, 0.0), sensor_range: float = 0.0) -> None:
-        """Update the estimates with a scan at time `t` s.
+    def update(
+        self,
+        tracks: Tracks,
+        t: float,
+        terrain: Terrain,
+        xy: XY = (0.0, 0.0),
+        sensor_range: float = 0.0,
+        restart: bool = False,
+    ) -> None:
+        """Update what is known with a scan at time `t` s.
 
-        False alarms within `sensor_range` m of the robot at `xy` m are forgotten.
+        False alarms within `sensor_range` m of the robot at `xy` m are forgotten. Averages of velocities begin anew where
+        somebody stops, sets out or turns, if `restart`; if strict, velocities are not averaged.
         """
-        variance = self._variances(tracks, t)
-        scan = tracks.id, tracks.xy, tracks.velocity, tracks.radius, variance
-        rows, used, _ = self.table
-        call(kalman.forget_ghosts, rows, used, terrain, t, tracks.id, *xy, sensor_range)
-        call(kalman.bounce, rows, used, terrain, t, *scan[:3], variance)
-        known, fastest, self._has_velocities = kalman.update(rows, used, t, *scan, AGILITY, self._estimates)
-        self.estimates, self.fastest = self._estimates[:known], max(self.fastest, fastest)
+        scan = tracks.id, tracks.xy, tracks.velocity, tracks.radius, self._variances(tracks, t)
+        where = float(t), scan, xy, sensor_range, AGILITY, not self._strict, restart
+        found = call(take_in, self._known, terrain, *where, self.tracks)
+        known, fastest, self._has_velocities, self.beyond_edge = found
+        self.estimates, self.fastest = self.tracks.estimates[:known], max(self.fastest, fastest)
 
     @property
     def last_seen(self) -> Floats:
         """When each of the tracks was last seen, float64[K], s."""
         return self.table.rows[: len(self.estimates), kalman.T].copy()
 
-    def compare(self, t: float, terrain: Terrain, seen: Bools, out: Floats) -> None:
-        """Write to `out` how velocities of the tracks `seen` have changed up to the scan at time `t` s, and count the turns."""
-        call(changes.velocity_changes, self._seen, self._turns, self.estimates, seen, terrain, float(t), out)
-
-    def average(self, t: float, seen: Bools, changed: Floats, restart: bool, out: Floats) -> None:
-        """Write the estimates at time `t` s to `out`, with the velocities that predict best.
-
-        `changed` is from `compare`, and the others are as in kernels/tracking/averages.py.
-        """
-        call(averages.averaged, self.averages, self.pool, self.estimates, seen, changed, float(t), restart, out)
-
     @property
     def turns(self) -> tuple[float, float]:
         """How often tracks turn, 1/s, and by how much on average, m/s."""
-        seconds, number, change = self._turns.tolist()
+        seconds, number, change = self._known.turns.tolist()
         return number / seconds, change / max(number, 1.0)
 
     def _variances(self, tracks: Tracks, t: float) -> Floats:
@@ -144,7 +150,8 @@ class Tracker:
 
     def _shown(self, tracks: Tracks, t: float) -> tuple[float, float]:
         """Return the variances of measured places (m^2) and velocities (m^2/s^2) that innovations show."""
-        return noise.measured_noise(self._measured.rows, self._measured.used, self._noise, t, *_by_id(tracks))
+        rows, used, _ = self._measured
+        return noise.measured_noise(rows, used, self._noise, t, tracks.id, tracks.xy, tracks.velocity)
 
     def _doubt(self, found: tuple[float, float]) -> None:
         """Doubt estimates that were made while measurements were taken to be better than these variances."""
@@ -180,12 +187,6 @@ class Tracker:
         covariance[:, 0, 0] = covariance[:, 1, 1] = e[:, SIGMA] ** 2
         covariance[:, 2, 2] = covariance[:, 3, 3] = e[:, SIGMA_V] ** 2
         return replace(seen, tracks=Tracks(ids_of(e), e[:, :2], velocity, e[:, RADIUS], covariance))
-
-
-def _by_id(tracks: Tracks) -> tuple[Ints, Floats, Floats]:
-    """Return ids, places and velocities in the order of the ids, as what is learnt track by track depends on the order."""
-    at = np.argsort(tracks.id)
-    return tracks.id[at], tracks.xy[at], tracks.velocity[at]
 
 
 def nearest(tracks: Tracks, xy: XY) -> Tracks:
