@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from antway import Grid
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import crowd, orca
 from antway.kernels.tracking.predict import FAR_AHEAD, ID, STEP_TIME, TubeMargins, predict
@@ -151,7 +150,7 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
     trajectory = speed * np.column_stack((np.cos(angle), np.sin(angle)))[None]
     paths = np.vstack(([0.0, 0.0], np.cumsum(trajectory[0] * STEP_TIME, axis=0)))
     estimates, out = np.array([[0.0, 0.0, speed, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((100, 8))
-    terrain, stopping_time = Terrain(Grid(np.zeros((60, 60), bool)).blocked, -30.0, -30.0, 1.0), 0.25
+    terrain, stopping_time = Terrain(np.zeros((60, 60), np.bool_), np.zeros((8, 8), np.bool_), -30.0, -30.0, 1.0), 0.25
     margins = TubeMargins(0.3, 0.01, 0.0, 1.0, math.inf, stopping_time)
     n = predict(estimates, 5.0, 0.0, 6.0, 20.0, 0.0, margins, terrain, trajectory, out)
     assert out[0, 0] == 5.0 - stopping_time and out[n - 1, 1] == pytest.approx(11.0)
@@ -172,7 +171,7 @@ def test_courses_have_less_room_later_on_however_old_the_estimates_are(age: floa
     """Of an obstacle that goes straight on, too: a whole piece of its course used to keep the room of the first seconds."""
     trajectory, pieces = np.tile((0.9, 0.0), (1, crowd.STEPS, 1)), []
     estimates = np.array([[0.0, 0.0, 0.9, 0.0, 0.3, 0.0, 0.0, 1.0]])
-    terrain = Terrain(Grid(np.zeros((60, 60), bool)).blocked, -30.0, -30.0, 1.0)
+    terrain = Terrain(np.zeros((60, 60), np.bool_), np.zeros((8, 8), np.bool_), -30.0, -30.0, 1.0)
     for late in (0.0, age):
         out = np.empty((100, 8))
         margins = TubeMargins(0.3, 0.01, 0.0, 1.0, math.inf, 0.25)

@@ -23,7 +23,7 @@ from antway.world.world import Obstacle
 from common import all_seen, cases, changes_of
 from naive import people as naive
 
-AIR = Terrain(Grid(np.zeros((1, 1), np.bool_)).blocked, -1e6, -1e6, 2e6)
+AIR = Terrain(np.zeros((1, 1), np.bool_), np.zeros((1, 1), np.bool_), -1e6, -1e6, 2e6)
 
 
 def _rates(scans, terrain: Terrain = AIR) -> np.ndarray:

@@ -62,7 +62,7 @@ from people import Told, Untold, swaps
 
 LIMITS = RobotSpec().limits
 OPEN = terrain_of(Grid(np.zeros((100, 100), np.bool_), 0.2))
-AIR = Terrain(Grid(np.zeros((1, 1), np.bool_)).blocked, -500.0, -500.0, 1000.0)
+AIR = Terrain(np.zeros((1, 1), np.bool_), np.zeros((1, 1), np.bool_), -500.0, -500.0, 1000.0)
 TRACKS = np.array([0.0, 0.0, 0.0, 0.0, 0.3, 1.5, 2.2, 0.0])
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import weakref
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +18,10 @@ from antway.errors import BadParameter, OutOfBounds
 from antway.lazy import drawing
 
 Cell = tuple[int, int]  # (row, col)
+
+
+T = TypeVar("T")
+_KEPT: dict[int, dict[object, Any]] = {}  # what is derived from grids, by the id of their read-only array
 
 
 class Moves(Enum):
@@ -293,6 +299,19 @@ class Grid:
         if radius == 0.0:
             return self
         return replace(self, blocked=self.blocked | (self.clearance() < radius * (1 - 1e-12)))
+
+
+def kept(grid: Grid, name: object, make: Callable[[], T]) -> T:
+    """Return the value kept under `name` for the cells of this grid; `make` computes it the first time."""
+    key = id(grid.blocked)
+    known = _KEPT.get(key)
+    if known is None:
+        weakref.finalize(grid.blocked, _KEPT.pop, key, None).atexit = False
+        known = _KEPT.setdefault(key, {})
+    value = known.get(name)
+    if value is None:
+        value = known[name] = make()
+    return cast(T, value)
 
 
 def checked_cell(name: str, value: object) -> Cell:

@@ -20,6 +20,7 @@ _COST = 0.05  # 1; a change of the velocity by the full speed must reduce the ch
 _LEAD = 0.1  # s; the place of a track has become uncertain for this time before now
 _NEVER = 0.01  # 1; the command is not changed for a smaller chance of contact
 _LOGISTIC = 1.7  # 1; 1 / (1 + exp(1.7 z)) approximates the chance that a standard normal number exceeds z
+_NO_CHANCE = 30.0  # standard deviations; a track that stays farther away than this does not count
 
 
 @kernel
@@ -39,12 +40,18 @@ def chance_of_contact(
     moves with the velocity `aside`, m/s, during the first `hold` s. Each track keeps its velocity, whose standard deviation is
     SIGMA_V; the estimates (kernels/tracking/predict.py) are `age` s old. The sum is broken off when it reaches `enough`.
     """
-    (ox, oy), h, total = aside, ahead / STEPS, 0.0
+    (ox, oy), h, total, moved = aside, ahead / STEPS, 0.0, 0.0
+    for i in range(STEPS):
+        moved = max(moved, math.hypot(places[i + 1, 0] - places[0, 0], places[i + 1, 1] - places[0, 1]))
+    moved += math.hypot(ox, oy) * hold
     for k in range(len(estimates)):
         ux, uy = estimates[k, VX], estimates[k, VY]
         ax, ay = estimates[k, X] + ux * age, estimates[k, Y] + uy * age
         body, least = radius + estimates[k, RADIUS], math.inf
         qx, qy = ax - places[0, 0], ay - places[0, 1]
+        gap = math.hypot(qx, qy) - body - moved - math.hypot(ux, uy) * ahead
+        if gap > _NO_CHANCE * (estimates[k, SIGMA_V] * (_LEAD + ahead) + 1e-6):
+            continue
         touches = qx * qx + qy * qy < body * body  # such a contact counts by what is left of it after a step
         for i in range(STEPS):
             t = (i + 1) * h

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter
-from antway.grid import Grid, Moves
+from antway.grid import Grid, Moves, kept
 from antway.kernels.base.jit import call
 from antway.kernels.search import polyanya, theta
 from antway.kernels.search.polyanya import BOTTOM, BOTTOM_END, EMPTY, EXPANDED, FOUND, NODES, PAUSED, START, TOP, TOP_END
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
-from antway.search.derived import kept, longer
+from antway.search.derived import longer
 from antway.search.result import not_found
 
 METHODS = ("polyanya", "theta", "lazy-theta")

@@ -7,14 +7,14 @@ import mmap
 import numpy as np
 from numpy.typing import ArrayLike
 
-from antway.grid import Grid, Moves
+from antway.grid import Grid, Moves, kept
 from antway.kernels.base.jit import call
 from antway.kernels.search.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, Memory, SearchMap, solve
 from antway.kernels.search.buckets import BLOCKS, CUT, KEYS, LIMIT, Queue
 from antway.kernels.search.lengths import DIAGONAL, STRAIGHT, octile
 from antway.planning import Budget, Clock, Plan, Problem, start_clock
 from antway.search import best_first as heap
-from antway.search.derived import NEIGHBOURS, kept, lattice, longer, packed_lines
+from antway.search.derived import NEIGHBOURS, lattice, longer, packed_lines
 from antway.search.distance_field import spread_plan
 from antway.search.result import found_shortest, not_found
 

@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 import math
-import weakref
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.grid import Grid, Moves
+from antway.grid import Grid, Moves, kept
 from antway.kernels.search.best_first import Graph
 from antway.kernels.search.canonical import NEED, Lattice, successor_table, surroundings
 from antway.kernels.search.jps import mirror, turn
 
-T = TypeVar("T")
 Number = TypeVar("Number", bound=np.generic)
 NEIGHBOURS = (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT)  # the moves that a `Lattice` supports
-_KEPT: dict[int, dict[object, Any]] = {}  # by id of the grid's read-only array
-
-
-def kept(grid: Grid, name: object, make: Callable[[], T]) -> T:
-    """Return the value kept under `name` for this grid; `make` computes it the first time."""
-    key = id(grid.blocked)
-    known = _KEPT.get(key)
-    if known is None:
-        weakref.finalize(grid.blocked, _KEPT.pop, key, None).atexit = False
-        known = _KEPT.setdefault(key, {})
-    value = known.get(name)
-    if value is None:
-        value = known[name] = make()
-    return cast(T, value)
 
 
 def longer(array: NDArray[Number]) -> NDArray[Number]:

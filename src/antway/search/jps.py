@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from antway.grid import Grid, Moves
+from antway.grid import Grid, Moves, kept
 from antway.planning import Budget, Plan, Problem, start_clock
 from antway.search.astar import astar, searcher
-from antway.search.derived import kept
 
 
 def jps(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.grid import Grid, Moves
+from antway.grid import Grid, Moves, kept
 from antway.kernels.base.jit import call
 from antway.kernels.search.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, Memory, contract, upward_graph
 from antway.kernels.search.hierarchy_query import QueryMemory, UpwardGraph, route, route_all
 from antway.kernels.search.subgoals import SubgoalMap, corners, link
 from antway.planning import Budget, Clock, Plan, Problem, start_clock
-from antway.search.derived import kept, lattice, longer, packed_lines
+from antway.search.derived import lattice, longer, packed_lines
 from antway.search.jps import jps
 from antway.search.result import found_shortest, not_found
 

@@ -4,32 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from antway.grid import Grid
-from antway.kernels.base.records import Terrain, Walls
+from antway.grid import Grid, kept
+from antway.kernels.base.arrays import Bools
+from antway.kernels.base.records import BLOCK, Terrain, Walls
 from antway.kernels.robot.sweep import Body
 from antway.world.robots import RobotSpec
-
-_KEPT, _KEPT_CELLS = 8, 2**21  # grids kept in `_cache`, and the most cells of them together
-_cache: list[tuple[Grid, Walls]] = []  # the grids used last; many episodes share one
 
 
 def terrain_of(grid: Grid) -> Terrain:
     """Return the blocked cells of `grid` and where they lie; its yaw is taken to be 0."""
-    return Terrain(grid.blocked, grid.origin[0], grid.origin[1], grid.resolution)
+    blocks = kept(grid, "blocks", lambda: _blocks(grid.blocked))
+    return Terrain(grid.blocked, blocks, grid.origin[0], grid.origin[1], grid.resolution)
+
+
+def _blocks(blocked: Bools) -> Bools:
+    """Return whether any cell of each block is blocked, as in `Terrain`."""
+    (rows, cols), (more_rows, more_cols) = blocked.shape, (-n % BLOCK for n in blocked.shape)
+    whole = np.pad(blocked, ((0, more_rows), (0, more_cols)))
+    cells = whole.reshape((rows + more_rows) // BLOCK, BLOCK, (cols + more_cols) // BLOCK, BLOCK)
+    return np.array(cells.any(axis=(1, 3)))
 
 
 def walls_of(grid: Grid) -> Walls:
-    """Return `grid` with the distances to its walls. They take a while to compute, so those of the last few grids are kept."""
-    for known, walls in _cache:
-        if known is grid:
-            return walls
-    x0, y0, _ = grid.origin
-    walls = Walls(grid.blocked, grid.clearance(), x0, y0, grid.resolution)
-    _cache.append((grid, walls))
-    del _cache[:-_KEPT]
-    while len(_cache) > 1 and sum(known.blocked.size for known, _ in _cache) > _KEPT_CELLS:
-        del _cache[0]
-    return walls
+    """Return `grid` with the distances to its walls, which take a while to compute, so that they are kept."""
+    clearance = kept(grid, ("clearance", grid.resolution), grid.clearance)
+    return Walls(grid.blocked, clearance, grid.origin[0], grid.origin[1], grid.resolution)
 
 
 def body_of(robot: RobotSpec) -> Body:

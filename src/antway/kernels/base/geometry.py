@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
-from antway.kernels.base.records import Terrain, Trajectories, Walls
+from antway.kernels.base.records import BLOCK, Terrain, Trajectories, Walls
 
 TOUCH = 1e-9  # in the unit of the call; a contact is a distance smaller than the contact radius by more than this
 
@@ -218,13 +218,20 @@ def wrap_below_pi(angle: float) -> float:
 
 @kernel
 def first_wall(
-    blocked: NDArray[np.bool_], row: float, col: float, dr: float, dc: float, radius: float
+    blocked: NDArray[np.bool_],
+    row: float,
+    col: float,
+    dr: float,
+    dc: float,
+    radius: float,
+    blocks: NDArray[np.bool_] | None = None,
 ) -> tuple[float, float, float]:
     """Return the first contact of a disc that moves from (row, col) by (dr, dc) with a blocked cell or an edge of the map.
 
-    All lengths are in cells, integers at cell centres. The segment is scanned a few cells at a time. Returns the share of the
-    segment, in [0, 1], at which the contact happens, infinite if there is none, and the unit normal (n_row, n_col) there, from
-    the wall to the disc. A wall that the disc touches but does not move towards does not count.
+    All lengths are in cells, integers at cell centres. The segment is scanned a few cells at a time; with the `blocks` of a
+    `Terrain`, those that are free are not. Returns the share of the segment, in [0, 1], at which the contact happens, infinite
+    if there is none, and the unit normal (n_row, n_col) there, from the wall to the disc. A wall that the disc touches but does
+    not move towards does not count.
     """
     rows, cols = blocked.shape
     r = max(radius - TOUCH, 0.0)
@@ -236,8 +243,12 @@ def first_wall(
             break
         r0, c0 = row + dr * (part / parts), col + dc * (part / parts)
         r1, c1 = row + dr * ((part + 1) / parts), col + dc * ((part + 1) / parts)
-        for i in range(max(math.ceil(min(r0, r1) - margin), 0), min(math.floor(max(r0, r1) + margin), rows - 1) + 1):
-            for j in range(max(math.ceil(min(c0, c1) - margin), 0), min(math.floor(max(c0, c1) + margin), cols - 1) + 1):
+        low_i, high_i = max(math.ceil(min(r0, r1) - margin), 0), min(math.floor(max(r0, r1) + margin), rows - 1)
+        low_j, high_j = max(math.ceil(min(c0, c1) - margin), 0), min(math.floor(max(c0, c1) + margin), cols - 1)
+        if blocks is not None and not _any_blocked(blocks, low_i, high_i, low_j, high_j):
+            continue
+        for i in range(low_i, high_i + 1):
+            for j in range(low_j, high_j + 1):
                 if blocked[i, j]:
                     share, n0, n1 = _first_square(row - i, col - j, dr, dc, r)
                     if share < best:
@@ -245,12 +256,22 @@ def first_wall(
     return best, n_row, n_col
 
 
+@bare_kernel
+def _any_blocked(blocks: NDArray[np.bool_], low_i: int, high_i: int, low_j: int, high_j: int) -> bool:
+    """Tell whether any block that reaches into these rows and columns, first and last, has a blocked cell."""
+    for i in range(low_i // BLOCK, high_i // BLOCK + 1):
+        for j in range(low_j // BLOCK, high_j // BLOCK + 1):
+            if blocks[i, j]:
+                return True
+    return False
+
+
 @kernel
 def wall_ahead(terrain: Terrain, x: float, y: float, dx: float, dy: float, radius: float) -> tuple[float, float, float]:
     """Return what `first_wall` does for a motion by (dx, dy), for places and a radius in m: the share, and (n_x, n_y)."""
     size = terrain.resolution
     row, col = (y - terrain.y0) / size - 0.5, (x - terrain.x0) / size - 0.5
-    share, n_row, n_col = first_wall(terrain.blocked, row, col, dy / size, dx / size, radius / size)
+    share, n_row, n_col = first_wall(terrain.blocked, row, col, dy / size, dx / size, radius / size, terrain.blocks)
     return share, n_col, n_row
 
 

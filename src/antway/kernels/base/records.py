@@ -39,10 +39,14 @@ class RobotState(NamedTuple):
     b: float  # vy of a holonomic robot, m/s; the turn rate omega of wheels, rad/s
 
 
+BLOCK = 8  # number of rows and of columns in a block of cells
+
+
 class Terrain(NamedTuple):
     """A map of blocked cells and where it lies in the world."""
 
     blocked: NDArray[np.bool_]  # [H, W]
+    blocks: NDArray[np.bool_]  # [ceil(H / BLOCK), ceil(W / BLOCK)] whether any cell of each block is blocked
     x0: float  # m; x and y of the outer corner of cell (0, 0)
     y0: float
     resolution: float  # m; edge of a cell

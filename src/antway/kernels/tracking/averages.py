@@ -142,8 +142,10 @@ def _average_companions(rows: Floats, row_at: Ints, estimates: Floats) -> None:
         x, y, n = 0.0, 0.0, 0
         own_x, own_y = _average_over(rows[row_at[k]], 0)
         for j in range(len(row_at)):
-            distance = math.hypot(estimates[j, X] - estimates[k, X], estimates[j, Y] - estimates[k, Y])
-            if row_at[j] >= 0 and distance <= COMPANION_DISTANCE:
+            dx, dy = estimates[j, X] - estimates[k, X], estimates[j, Y] - estimates[k, Y]
+            if max(abs(dx), abs(dy)) > COMPANION_DISTANCE:  # most are, and this is faster than the distance
+                continue
+            if row_at[j] >= 0 and math.hypot(dx, dy) <= COMPANION_DISTANCE:
                 vx, vy = _average_over(rows[row_at[j]], 0)
                 if math.hypot(vx - own_x, vy - own_y) <= COMPANION_SPEED:
                     x, y, n = x + vx, y + vy, n + 1

@@ -172,7 +172,7 @@ def predict(
             # ... or at a wall, which mirrors the track.
             col, row = (x - terrain.x0) / size - 0.5, (y - terrain.y0) / size - 0.5
             share, n_row, n_col = first_wall(
-                terrain.blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, radius / size
+                terrain.blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, radius / size, terrain.blocks
             )
             mirrored = share <= 1.0 and mirrors < MIRRORS
             if mirrored and not margins.edges:
