@@ -46,7 +46,7 @@ def test_speeds_are_predicted_as_steps_of_a_millisecond_predict_them(drive: int)
         state, n = some_state(rng, limits), int(rng.integers(1, 7))
         given, commands = 0.1 * np.arange(10 - n, 10), np.array([some_command(rng) for _ in range(n)])
         expected = twin.answered(state, 0.9, 1.0, given, commands, limits)
-        period = Period(np.full(6, 0.9), np.full(6, 1.0), given, commands)
+        period = Period(np.full(6, 0.9), np.full(6, 1.0), np.column_stack((given, commands)))
         found = answered(RobotState(0.0, 0.0, 0.0, state.a, state.b), period, limits)
         assert np.allclose(found[3:], expected, atol=1e-6), (limits, commands)
 
@@ -58,17 +58,18 @@ def test_errors_are_those_of_each_candidate() -> None:
     used, error, place = np.zeros(4, np.int64), np.zeros((3, 3, 2)), np.zeros(PLACE)
     odometry = np.zeros(ODOMETRY)
     before, now = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.2, 0.0, 0.0, 0.0, 0.05, 0.0])
-    right = np.array([0.2, 0.005, 0.0, 0.0, *answered(REST, Period(before, now, given, commands), limits)[3:]])
-    learn(Period(before, right, given, commands), limits, latencies, ramps, 0.9, used, error, place, odometry)
+    sent = np.column_stack((given, commands))
+    right = np.array([0.2, 0.005, 0.0, 0.0, *answered(REST, Period(before, now, sent), limits)[3:]])
+    learn(Period(before, right, sent), limits, latencies, ramps, 0.9, used, error, place, odometry)
     assert error.max() < 1e-20
     for k in range(2):
-        learn(Period(before, now, given, commands), limits, latencies, ramps, 0.9, used, error, place, odometry)
+        learn(Period(before, now, sent), limits, latencies, ramps, 0.9, used, error, place, odometry)
         sums = sum(0.9**i for i in range(k + 1))
         assert np.allclose(error[GROWS], sums * np.array([[0.05**2, 0.0], [0.05**2, 0.05**2], [0.05**2, 0.05**2]]))
         assert error[SLOWS].max() == 0.0
         assert np.allclose(error[TURNS], sums * np.array([[(0.3 / 1.9) ** 2, (0.15 / 1.9) ** 2], [0.0, 0.0], [0.0, 0.0]]))
     later = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    learn(Period(now, later, given, commands), limits, latencies, ramps, 0.9, used, error, place, odometry)
+    learn(Period(now, later, sent), limits, latencies, ramps, 0.9, used, error, place, odometry)
     assert error[SLOWS].max() > 0.0 and place[WEIGHT] == pytest.approx(0.9**3 + 0.9**2 + 0.9 + 1.0)
 
 
@@ -107,7 +108,7 @@ def test_the_error_of_a_place_is_forgotten_in_three_seconds() -> None:
 def test_speeds_stay_while_no_command_is_known(drive: int) -> None:
     """Those above the limits, which may be wrong, too."""
     limits = some_limits(np.random.default_rng(drive), drive)
-    period = Period(np.zeros(6), np.full(6, 0.1), np.empty(0), np.empty((0, 2)))
+    period = Period(np.zeros(6), np.full(6, 0.1), np.empty((0, 3)))
     later = answered(RobotState(0.0, 0.0, 0.0, 1.2, 0.3), period, limits)
     assert later[3:] == (1.2, 0.3) and later.x > 0.1
 
@@ -328,7 +329,7 @@ def test_commands_before_a_gap_are_forgotten_and_those_that_are_told_count() -> 
     response.record(seen, moves)
     response.update(Observation(3.2, (0.0, 0.0), (0.1, 0.0), 0.0, NOBODY, pending=told))
     assert response.error.max() < 1e-12
-    assert (response.commands[-2:] == told).all()
+    assert (response.sent[-2:, 1:] == told).all()
 
 
 def test_commands_that_acted_before_a_gap_do_not_count_as_pending() -> None:

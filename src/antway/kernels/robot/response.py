@@ -26,8 +26,7 @@ class Period(NamedTuple):
 
     before: Floats  # [COLUMNS] the observations, as in kernels/robot/odometry.py
     now: Floats  # [COLUMNS]
-    given: Floats  # [M] s; when each command was given, in this order
-    commands: Floats  # [M, 2]
+    sent: Floats  # [M, 3] the commands, in their order: when each was given in s, and its two numbers
 
 
 @bare_kernel
@@ -37,16 +36,16 @@ def answered(state: RobotState, period: Period, limits: RobotLimits) -> RobotSta
     A command acts from `limits.latency` s after it was given until the next one does. What acts before the first is not known,
     and the speeds then stay.
     """
-    start, end, given, commands = period.before[T], period.now[T], period.given, period.commands
-    known = min(given[0] + limits.latency, end) if len(given) else end
+    start, end, sent = period.before[T], period.now[T], period.sent
+    known = min(sent[0, 0] + limits.latency, end) if len(sent) else end
     if known - start > _LEAST:
         later = drive_roughly(state, state.a, state.b, limits, known - start)
         state = RobotState(later.x, later.y, later.theta, state.a, state.b)
-    for i in range(len(given)):
-        first = max(given[i] + limits.latency, start)
-        last = min(given[i + 1] + limits.latency, end) if i + 1 < len(given) else end
+    for i in range(len(sent)):
+        first = max(sent[i, 0] + limits.latency, start)
+        last = min(sent[i + 1, 0] + limits.latency, end) if i + 1 < len(sent) else end
         if last - first > _LEAST:
-            state = drive_roughly(state, commands[i, 0], commands[i, 1], limits, last - first)
+            state = drive_roughly(state, sent[i, 1], sent[i, 2], limits, last - first)
     return state
 
 

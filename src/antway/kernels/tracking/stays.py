@@ -11,9 +11,9 @@ from antway.kernels.tracking.predict import ID, RADIUS, VX, VY, X, Y
 from antway.kernels.tracking.table import SEEN, Table, row_for
 
 # Columns of a row after TRACK_ID and SEEN: when the stay of the track began, its radius, the box that holds its centre since,
-# and whether it was leaving when it was last seen (1 or 0).
-SINCE, SIZE, LOW_X, LOW_Y, HIGH_X, HIGH_Y, LEAVING = range(2, 9)
-COLUMNS = 9
+# whether it was leaving when it was last seen (1 or 0), and when its first stay began.
+SINCE, SIZE, LOW_X, LOW_Y, HIGH_X, HIGH_Y, LEAVING, FIRST = range(2, 10)
+COLUMNS = 10
 PLACE = 1.0  # m; an obstacle stays as long as the diagonal of the box that holds its centre is no longer than this
 _LEAST_MEMORY = 1.0  # s; an obstacle that was not seen for longer than this and than its stay is forgotten
 _LEAVES = 1.0  # s; an obstacle whose velocity would have led it out of its place within this time was leaving, and is forgotten
@@ -62,6 +62,7 @@ def update_stays(table: Table, estimates: Floats, seen: Floats, t: float) -> Non
         row = rows[i]
         if is_new:
             _start_stay(row, estimates[k], t)
+            row[FIRST] = t
         row[SEEN] = t
         row[LOW_X], row[HIGH_X] = min(row[LOW_X], estimates[k, X]), max(row[HIGH_X], estimates[k, X])
         row[LOW_Y], row[HIGH_Y] = min(row[LOW_Y], estimates[k, Y]), max(row[HIGH_Y], estimates[k, Y])

@@ -186,9 +186,10 @@ class Detours:
 
 def _time_to_go(contexts: Contexts, times: list[Floats], xy: XY) -> float:
     """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite without one."""
-    context, (row, col) = contexts[-1], row_col(contexts[-1], xy)
+    context = contexts[-1]
     here = float(times[-1][node_near(context, xy)])
     if math.isinf(here):
+        row, col = row_col(context, xy)
         field = times[-1].reshape(context.rows, context.cols)
         here = float(field[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2].min(initial=math.inf))
     return here

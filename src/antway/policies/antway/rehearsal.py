@@ -52,7 +52,7 @@ def _correct_speeds(robot: RobotSpec) -> None:
     """Predict the speeds of a robot that measures wrong ones, or no turn rate."""
     check, seen = OdometryCheck(robot), np.zeros((2, COLUMNS))
     check.measured, check.turn_rate, seen[1, T] = False, 0.0, robot.dt
-    period = Period(seen[0], seen[1], np.zeros(1), np.zeros((1, 2)))
+    period = Period(seen[0], seen[1], np.zeros((1, 3)))
     check.correct(period, robot.limits)
     check.turn(period, robot.limits)
 

@@ -59,7 +59,7 @@ class Response:
         self.error = np.zeros((3, len(self.latencies), len(self.ramps)))
         self.used = np.zeros(4, np.int64)  # indices of the latency in use, and of a_max, brake_max and alpha_max in `ramps`
         most = math.ceil((self.latencies.max() + declared.dt) / declared.dt) + 1
-        self.given, self.commands, self.known = np.zeros(most), np.zeros((most, 2)), 0  # the last commands, and how many
+        self.sent, self.known = np.zeros((most, 3)), 0  # the last commands, each after when it was given, and how many
         self.seen = np.full((most, COLUMNS), math.nan)  # the last observations
         self.spread, self.place = 0.0, np.zeros(PLACE)
         self.odometry, self.held = OdometryCheck(declared), False  # `held`: does not move although it is told to
@@ -84,8 +84,7 @@ class Response:
         if self.held:  # it does not answer at all, so what was learnt meanwhile is wrong
             self.error[:], self.place[:], self.spread = 0.0, 0.0, 0.0
             return self._trust_declared()
-        given, commands = self.given[len(self.given) - self.known :], self.commands[len(self.given) - self.known :]
-        period = Period(self.seen[-2], self.seen[-1], given, commands)
+        period = Period(self.seen[-2], self.seen[-1], self.sent[len(self.sent) - self.known :])
         self.odometry.correct(period, self.robot.limits)
         tables = self.limits, self.latencies, self.ramps, _MEMORY, self.used, self.error, self.place, self.odometry.table
         first, misplaced, speed, turn = call(learn, period, *tables)
@@ -110,21 +109,21 @@ class Response:
 
     def _take_pending(self, o: Observation) -> None:
         """Take the commands that do not act yet, if they are told, in place of those that were recorded."""
-        n = 0 if o.pending is None else min(len(o.pending), len(self.given))
+        n = 0 if o.pending is None else min(len(o.pending), len(self.sent))
         if o.pending is not None and n:
-            self.commands[-n:] = o.pending[-n:]
-            self.given[-n:] = o.t - self.declared.dt * np.arange(n, 0.0, -1.0)
+            self.sent[-n:, 1:] = o.pending[-n:]
+            self.sent[-n:, 0] = o.t - self.declared.dt * np.arange(n, 0.0, -1.0)
             self.known = max(self.known, n)
 
     def _held(self) -> bool:
         """Tell whether the robot does not move although it was asked to drive for as long as the slowest answer takes."""
         robot, (before, now) = self.declared, self.seen[-2:]
-        if self.known < len(self.given) or self.seen[:, [A, B]].any():
+        if self.known < len(self.sent) or self.seen[:, [A, B]].any():
             return False
         top = robot.v_max, robot.turn_rate if robot.wheels else robot.v_max
-        asked = np.hypot(*(self.commands / top).T)
+        asked = np.hypot(*(self.sent[:, 1:] / top).T)
         if robot.turning_radius > 0.0:  # a car that is only asked to turn stays where it is
-            asked = np.abs(self.commands[:, 0]) / top[0]
+            asked = np.abs(self.sent[:, 1]) / top[0]
         turned = math.remainder(now[HEADING] - before[HEADING], math.tau) if robot.wheels else 0.0
         moved = math.hypot(math.dist(before[X : Y + 1], now[X : Y + 1]) / top[0], turned / top[1])
         return bool(asked.min() > _MORE and moved < _STILL * asked[-1] * (now[T] - before[T]))
@@ -138,9 +137,9 @@ class Response:
 
     def _limit(self) -> bool:
         """Take speeds at which the robot stays as its top speeds, those declared if it is faster; tell whether they change."""
-        if self.known < len(self.given):
+        if self.known < len(self.sent):
             return False
-        robot, (speed, turn), (asked, asked_turn) = self.declared, self.seen[:, [A, B]].T, self.commands.T
+        robot, (speed, turn), (_, asked, asked_turn) = self.declared, self.seen[:, [A, B]].T, self.sent.T
         side = math.copysign(1.0, turn[-1])
         driven = {"v_max": (speed, asked), "v_reverse": (-speed, -asked), "turn_rate": (side * turn, side * asked_turn)}
         if not robot.wheels:
@@ -181,10 +180,10 @@ class Response:
 
     def record(self, o: Observation, command: Command) -> None:
         """Record the command that is sent in answer to an observation; a second one replaces the first."""
-        if self.known == 0 or self.given[-1] != o.t:
-            self.given[:-1], self.commands[:-1] = self.given[1:], self.commands[1:]
-            self.known = min(self.known + 1, len(self.given))
-        self.given[-1], self.commands[-1] = o.t, command.acts(o, self.declared)
+        if self.known == 0 or self.sent[-1, 0] != o.t:
+            self.sent[:-1] = self.sent[1:]
+            self.known = min(self.known + 1, len(self.sent))
+        self.sent[-1] = o.t, *command.acts(o, self.declared)
 
     def completed(self, o: Observation) -> Observation:
         """Return the observation with the commands that do not act yet on the robot as it is taken to be.
@@ -201,7 +200,7 @@ class Response:
         if self.robot is self.declared and (o.pending is not None or self.robot.latency == 0.0):
             return o
         late, dt = self.robot.late_commands, self.robot.dt
-        given, commands = (one[len(one) - late :] for one in (self.given, self.commands))
+        given, commands = self.sent[len(self.sent) - late :, 0], self.sent[len(self.sent) - late :, 1:]
         if late and np.diff(given, append=o.t).max() > _GAP * dt:  # each acts in its turn, and none where a gap is
             starts = o.t - dt * np.arange(late, 0.0, -1.0)
             last = np.searchsorted(given, starts + 0.5 * dt) - 1

@@ -47,7 +47,6 @@ class Yielding:
         self._wait = _WAIT
         self._place, self._since = (math.inf, math.inf), 0.0  # where the robot stays, and since when
         self._due = -math.inf  # s; the next look
-        self._first: dict[float, float] = {}  # when the first stay of each obstacle in sight began, s
         self._asked: Task | None = None  # what the robot goes on with; None while it gives no way
         self._other = -1.0  # the id of whom it gives way to
 
@@ -62,7 +61,6 @@ class Yielding:
     def next_task(self, task: Task, detours: Detours, t: float, xy: XY) -> Task:
         """Return `task`, or what the robot at `xy` is to do instead from now, `t` s, on: drive to a refuge, or to its goal."""
         rows = rows_in_use(detours.stays)
-        self._first = {other: self._first.get(other, since) for other, since in rows[:, [TRACK_ID, stays.SINCE]].tolist()}
         if math.dist(xy, self._place) > min(0.2 * _WAIT * task.robot.v_max, stays.PLACE):
             self._place, self._since = xy, t
         if self._asked is not None:
@@ -91,7 +89,7 @@ class Yielding:
             return None
         self._due, stay, row = t + _WAIT, rows[:, SEEN] - rows[:, stays.SINCE], rows[k]
         paths = _Paths(detours, rows[stay >= 0.5 * _WAIT], xy)
-        came = row[stays.SINCE] > self._first[float(row[TRACK_ID])] or diagonals(rows)[k] > _CAME
+        came = row[stays.SINCE] > row[stays.FIRST] or diagonals(rows)[k] > _CAME
         needed = _WAIT if came and math.isinf(paths.to(task.goal)) else _UNSURE
         if min(stay[k], t - self._since) < needed - 1e-6:
             return None
@@ -166,9 +164,10 @@ class Dance:
         """Take in that the robot is at `xy` at the time `t` s of a scan, `to_go` s before the goal."""
         self._scans.append((t, xy, to_go))
         since, place, before = self._scans[0]
+        if not (task.robot.stepwise and len(self._scans) == _SCANS and to_go > before - _PROGRESS):
+            return
         driven = sum(math.dist(one[1], after[1]) for one, after in pairwise(self._scans))
-        moves = task.robot.stepwise and len(self._scans) == _SCANS and driven > _MOVES * task.robot.v_max * (t - since)
-        if moves and math.dist(place, xy) < _TO_AND_FRO * driven and to_go > before - _PROGRESS:
+        if driven > _MOVES * task.robot.v_max * (t - since) and math.dist(place, xy) < _TO_AND_FRO * driven:
             self._expires = t + _WAIT
 
     def stands(self, o: Observation, v_max: float, rng: State) -> bool:
