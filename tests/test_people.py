@@ -876,5 +876,30 @@ def test_a_step_aside_leaves_a_person_who_walks_alongside_more_clearance() -> No
     knots = np.array([[0.0, 10.0, 10.1], [8.0, 18.0, 10.1]])
     for y, turns in ((10.73, True), (13.0, False)):
         people = _estimates((10.0, y, 1.0, 0.0))
-        vx, vy = sidestep.sidestep(knots, 0.0, 0.0, (10.0, 10.1), (1.0, 0.0), people, context, 0.1)
+        vx, vy = sidestep.sidestep(knots, 0.0, 0.0, (10.0, 10.1), (1.0, 0.0), people, context, 0.1, 0.0)
         assert (vy < -0.1 and vx > 0.2) if turns else (vx, vy) == (1.0, 0.0)
+
+
+def test_chance_by_turns_is_what_its_slow_twin_finds() -> None:
+    """The share of the angles by which tracks turn into a robot is in closed form what many angles show."""
+    rng, some = np.random.default_rng(6), 0
+    for _ in range(cases(200, 5000)):
+        people = _estimates(*np.column_stack((rng.uniform(-1.2, 1.2, (3, 2)), rng.uniform(-2.5, 2.5, (3, 2)))))
+        people[0, VX : VY + 1] *= rng.integers(2)  # one may stand
+        where = *rng.uniform(-0.5, 0.5, 2), people, float(rng.uniform(0.0, 0.1)), 0.3, float(rng.uniform(0.05, 0.3))
+        outside = np.hypot(*(people[:, :2] + where[3] * people[:, VX : VY + 1] - where[:2]).T) > 0.6
+        where = *where[:2], people[outside], *where[3:]
+        found = sidestep.chance_by_turns(*where)
+        assert found == pytest.approx(naive.chance_by_turns(*where), abs=0.003)
+        some += found > 0.05
+    assert some > 20
+
+
+def test_a_step_aside_counts_with_turns_where_obstacles_turn() -> None:
+    """Beside somebody fast who keeps his velocity the robot keeps to its plan; where such people turn back, it makes room."""
+    grid = Grid(np.zeros((100, 100), np.bool_), 0.2)
+    context = make_context(grid, RobotSpec(radius=0.3, v_max=2.0), (50, 99))
+    knots, people = np.array([[0.0, 10.0, 10.1], [4.0, 18.0, 10.1]]), _estimates((10.1, 10.8, 2.0, 0.0), sway=0.0)
+    for turns in (0.0, 1.0):
+        vx, vy = sidestep.sidestep(knots, 0.0, 0.0, (10.0, 10.1), (2.0, 0.0), people, context, 0.1, turns)
+        assert (vy < -0.5) if turns else (vx, vy) == (2.0, 0.0)

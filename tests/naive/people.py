@@ -55,6 +55,15 @@ def chance_of_contact(places, aside, estimates, age, radius, ahead, hold, parts=
     return total
 
 
+def chance_by_turns(x, y, estimates, age, radius, dt, angles=3600) -> float:
+    """Expected number of tracks that touch a robot at (x, y) after `dt` s if they turn now, by trying many angles."""
+    angle, total = (np.arange(angles) + 0.5) * 2.0 * math.pi / angles, 0.0
+    for row in estimates:
+        at = row[:2] + age * row[2:4] + math.hypot(*row[2:4]) * dt * np.column_stack((np.cos(angle), np.sin(angle)))
+        total += (np.hypot(*(at - (x, y)).T) < radius + row[4]).mean()
+    return total
+
+
 def pooled(comparisons, pool, found):
     """Take the errors of a scan into their mean over all tracks: each weighs 1 / n at first, and 0.05 later."""
     n = len(found)

@@ -20,6 +20,7 @@ _COST = 0.05  # 1; a change of the velocity by the full speed must reduce the ch
 _LEAD = 0.1  # s; the place of a track has become uncertain for this time before now
 _NEVER = 0.01  # 1; the command is not changed for a smaller chance of contact
 _LOGISTIC = 1.7  # 1; 1 / (1 + exp(1.7 z)) approximates the chance that a standard normal number exceeds z
+_BY_TURN = 10.0  # 1; a contact by a turn within this control period counts as often: there is no later period to avert it
 _NO_CHANCE = 30.0  # standard deviations; a track that stays farther away than this does not count
 
 
@@ -72,6 +73,24 @@ def chance_of_contact(
 
 
 @kernel
+def chance_by_turns(x: float, y: float, estimates: Floats, age: float, radius: float, dt: float) -> float:
+    """Return how many tracks are expected to touch a robot that is at (x, y) after `dt` s if each turns now, at any angle.
+
+    A track moves on with its speed; of its directions those count that lead it into contact. The other parameters are those of
+    `chance_of_contact`.
+    """
+    total = 0.0
+    for k in range(len(estimates)):
+        ux, uy = estimates[k, VX], estimates[k, VY]
+        moved, body = math.hypot(ux, uy) * dt, radius + estimates[k, RADIUS]
+        distance = math.hypot(estimates[k, X] + ux * age - x, estimates[k, Y] + uy * age - y)
+        if distance < body + moved and moved > 0.0 and distance > 0.0:
+            cosine = (distance * distance + moved * moved - body * body) / (2.0 * distance * moved)
+            total += math.acos(min(max(cosine, -1.0), 1.0)) / math.pi
+    return total
+
+
+@kernel
 def sidestep(
     knots: Floats,
     now: float,
@@ -81,11 +100,13 @@ def sidestep(
     estimates: Floats,
     context: PlanningContext,
     dt: float,
+    turns: float,
 ) -> tuple[float, float]:
     """Return the command (vx, vy) that minimizes the chance of contact plus a cost for the change from the given command.
 
     `knots`, float64[N, 3], are the plan's rows (t, x, y); empty if there is none. The robot is at `xy`, m, and `command` is the
-    velocity that keeps it on the plan, m/s. The estimates are those of `chance_of_contact`, and `dt` is the control period, s.
+    velocity that keeps it on the plan, m/s. The estimates are those of `chance_of_contact`, `dt` is the control period, s, and
+    `turns` is how often a track turns, 1/s.
     """
     (x, y), (cx, cy), n, v = xy, command, len(knots), context.speed
     ahead, hold = max(AHEAD, 3.0 * dt), max(HOLD, dt)
@@ -100,6 +121,9 @@ def sidestep(
             qx, qy, _ = place_at(knots, now + t)
             places[i, 0], places[i, 1] = qx + x - px, qy + y - py
     best = chance_of_contact(places, (0.0, 0.0), estimates, age, context.radius, math.inf, ahead, hold)
+    by_turn = _BY_TURN * turns * dt
+    if turns > 0.0:
+        best += by_turn * chance_by_turns(x + cx * dt, y + cy * dt, estimates, age, context.radius, dt)
     if best < _NEVER:
         return cx, cy
     bx, by, bearing = cx, cy, math.atan2(cy, cx)
@@ -108,6 +132,8 @@ def sidestep(
         angle = bearing + 2.0 * math.pi * k / _SIDES
         tx, ty = speed * math.cos(angle), speed * math.sin(angle)
         cost = _COST * math.hypot(tx - cx, ty - cy) / v
+        if turns > 0.0 and cost < best:
+            cost += by_turn * chance_by_turns(x + tx * dt, y + ty * dt, estimates, age, context.radius, dt)
         if cost < best and clear(context, x, y, x + tx * hold, y + ty * hold):
             left, aside = best - cost, (tx - cx, ty - cy)
             cost += chance_of_contact(places, aside, estimates, age, context.radius, left, ahead, hold)

@@ -387,7 +387,7 @@ class AntwayPolicy:
             return command
         knots, at = s.plan.knots[: int(s.plan.state[KNOT_COUNT])], (float(o.xy[0]), float(o.xy[1]))
         averaged, dt = s.crowd.tracks.averaged[:known], s.settings.dt
-        return call(sidestep, knots, float(o.t), float(age), at, command, averaged, s.context, dt)
+        return call(sidestep, knots, float(o.t), float(age), at, command, averaged, s.context, dt, s.tracker.turns[0])
 
     def _planned(self) -> TimedPath | None:
         """Return a copy of the plan in use, or the path of the best ant in the space of controls."""
