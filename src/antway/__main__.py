@@ -19,10 +19,7 @@ _DELICATE = ("_frozen_importlib", "importlib._bootstrap", "llvmlite.", "numba.co
 def _repeat() -> None:
     """Interrupt the main thread shortly, also where it waits in a call of the operating system."""
     time.sleep(_AGAIN)
-    if hasattr(signal, "pthread_kill"):
-        signal.pthread_kill(_MAIN_THREAD, signal.SIGINT)
-    else:
-        _thread.interrupt_main()
+    signal.pthread_kill(_MAIN_THREAD, signal.SIGINT)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

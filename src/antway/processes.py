@@ -14,25 +14,16 @@ from multiprocessing import get_context, resource_tracker
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Put off Ctrl-C, which processes that are started meanwhile never get: from their first import on, until they are ended.
-
-    Where signals cannot be blocked, as on Windows, Ctrl-C is ignored instead.
-    """
+    """Put off Ctrl-C, which processes that are started meanwhile never get: from their first import until they are ended."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may change this
-    elif hasattr(signal, "pthread_sigmask"):
-        resource_tracker.ensure_running()  # it would start with the first process, and let signals through again
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-    else:
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGINT, before)
+        return
+    resource_tracker.ensure_running()  # it would start with the first process, and let signals through again
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 @lru_cache(maxsize=1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import resource
 import stat
 import tomllib
 from collections.abc import Iterator
@@ -194,8 +195,6 @@ def limit_process(memory: int, *, file: int | None = None) -> None:
     """
     if not os.path.exists("/proc/self/statm"):
         return
-    import resource
-
     with open("/proc/self/statm", encoding="ascii") as about:
         pages = int(about.read().split()[0])
     most = pages * resource.getpagesize() + memory

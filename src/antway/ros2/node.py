@@ -408,7 +408,7 @@ def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
             raise KeyboardInterrupt
 
     numbers = [signal.SIGINT, signal.SIGTERM]
-    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # which nohup wants
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # which nohup wants
         numbers.append(signal.SIGHUP)
     before = {number: signal.signal(number, end) for number in numbers}
     try:

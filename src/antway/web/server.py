@@ -11,7 +11,7 @@ import asyncio
 import hmac
 import ipaddress
 import json
-import os
+import resource
 import secrets
 import socket
 import zlib
@@ -349,10 +349,6 @@ def config_of(app: ASGIApp) -> uvicorn.Config:
 
 def _allow_files() -> None:
     """Raise the limit of open sockets as far as allowed."""
-    try:
-        import resource
-    except ImportError:  # Windows has no such limit
-        return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(MAX_FILES, hard)
     if soft != resource.RLIM_INFINITY and soft < wanted:
@@ -388,7 +384,7 @@ def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], N
         raise BadParameter("host:port", f"{host}:{port}", f"free, and of this machine ({why})") from None
     with listener:
         port = listener.getsockname()[1]
-        token, workers = secrets.token_urlsafe(24), Workers() if os.name == "posix" else None
+        token, workers = secrets.token_urlsafe(24), Workers()
         app = make_app(names_of(host, port), token, workers=workers)
         _allow_files()
         url = f"http://{f'[{host}]' if ':' in host else host}:{port}/"
@@ -397,5 +393,4 @@ def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], N
         try:
             server.run(sockets=[listener])
         finally:
-            if workers is not None:
-                workers.close()
+            workers.close()
