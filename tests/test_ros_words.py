@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import signal
 import sys
+import threading
 import time
 from types import SimpleNamespace
 
@@ -362,6 +363,26 @@ def test_a_tour_of_nothing_has_nav2s_code(made, result, code: int) -> None:
     handle.execute = lambda end: ends.append(end(handle))
     served._compute_tour(handle)
     assert ends[0]["error_code"] == code and "at least one" in ends[0]["error_msg"]
+
+
+@pytest.mark.parametrize(("fault", "code"), [(Failure(206, "in a wall"), 306), (RuntimeError("lost"), 300)])
+def test_each_failure_of_a_tour_has_nav2s_code(made, monkeypatch, fault: Exception, code: int) -> None:
+    """They are those of ComputePathThroughPoses; an unknown error used to have the code of ComputePathToPose."""
+    node, ends, done = made(), [], threading.Event()
+
+    def find(*_: object) -> None:
+        raise fault
+
+    monkeypatch.setattr("antway.ros2.actions.find_tour", find)
+    node.executor = SimpleNamespace(create_task=lambda task, *found: (task(*found), done.set()))
+    kind = Kind(None, lambda goal: goal, lambda **fields: fields, None)
+    served = sys.modules["antway.ros2.actions"].Served(node, {"compute_tour": kind})
+    node.heard_on["map"](convert.grid_message(ROOM))
+    handle = SimpleNamespace(request=SimpleNamespace(goals=[goal(2.0, 2.0)], use_start=True, start=goal(1.0, 1.0)))
+    handle.is_cancel_requested, handle.abort, handle.execute = False, print, lambda end: ends.append(end(handle))
+    served._compute_tour(handle)
+    assert done.wait(10.0)
+    assert ends[0]["error_code"] == code
 
 
 class Buffer:

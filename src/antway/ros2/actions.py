@@ -23,10 +23,12 @@ from antway.ros2.nav2 import Failure, Kind, in_thread
 from antway.ros2.outset import inflated
 from antway.ros2.path import tracking
 from antway.ros2.pilot import Pilot
-from antway.ros2.tours import THROUGH, TourGoal, find_tour
+from antway.ros2.tours import TourGoal, find_tour
 
 if TYPE_CHECKING:
     from antway.ros2.node import AntwayNode
+
+_THROUGH = 100  # offset of error codes of ComputePathThroughPoses from those of ComputePathToPose
 
 
 class Served:
@@ -159,7 +161,8 @@ class Served:
         """End a goal whose result is a path that was requested at `started` s of the steady clock."""
         if not self.open:
             return
-        code, reason = (nav2.NONE, "") if failure is None else (failure.code, failure.reason)
+        offset = _THROUGH if name == "compute_tour" else 0
+        code, reason = (nav2.NONE, "") if failure is None else (offset + failure.code, failure.reason)
         if reason:
             self.node.get_logger().error(f"{name}: {reason}")
         seconds = time.monotonic() - started
@@ -174,11 +177,11 @@ class Served:
             grid = self._map()
             goals = getattr(goal.goals, "goals", goal.goals)  # nav_msgs/msg/Goals in newer releases, a list in older ones
             if len(goals) == 0:
-                code = getattr(getattr(kind.type, "Result", None), "NO_VIAPOINTS_GIVEN", THROUGH + nav2.NO_VALID_PATH)
-                raise Failure(code - THROUGH, "goals = []: must be at least one")
+                code = getattr(getattr(kind.type, "Result", None), "NO_VIAPOINTS_GIVEN", _THROUGH + nav2.NO_VALID_PATH)
+                raise Failure(code - _THROUGH, "goals = []: must be at least one")
             places = [self._place(goal.start if goal.use_start else None), *(self._place(one) for one in goals)]
         except Failure as failure:
-            return self._planned(handle, "compute_tour", started, path, Failure(THROUGH + failure.code, failure.reason))
+            return self._planned(handle, "compute_tour", started, path, failure)
 
         def answer(xy: Any, failure: Failure | None) -> None:
             if failure is None:

@@ -19,7 +19,6 @@ from antway.tours.plan import plan_tour
 if TYPE_CHECKING:
     from antway.ros2.node import AntwayNode
 
-THROUGH = 100  # offset of error codes of ComputePathThroughPoses from those of ComputePathToPose
 SECONDS = 1.0  # s; time of the search for the best order
 
 
@@ -32,9 +31,9 @@ def find_tour(grid: Grid, places: list[Pose], radius: float) -> tuple[list[int],
     try:
         tour = plan_tour(grid, start, stops, robot_radius=radius, seconds=SECONDS)
     except (OutOfBounds, CellBlocked) as wrong:
-        raise Failure(THROUGH + nav2.code_of(wrong, wrong.field == "start"), str(wrong)) from None
+        raise Failure(nav2.code_of(wrong, wrong.field == "start"), str(wrong)) from None
     except BadInput as wrong:
-        raise Failure(THROUGH + nav2.NO_VALID_PATH, str(wrong)) from None
+        raise Failure(nav2.NO_VALID_PATH, str(wrong)) from None
     return tour.order.tolist(), np.vstack([np.array([start]), *(leg.xy(grid) for leg in tour.legs)])
 
 
