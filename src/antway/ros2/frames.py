@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from antway.limits import MAX_ORIGIN
 from antway.planning import TimedPath
 from antway.world.policy import XY, Decision, Tracks
 
+T = TypeVar("T", float, NDArray[np.float64])
 Pose = tuple[float, float, float]  # m, m, rad
 HERE: Pose = (0.0, 0.0, 0.0)
 _OTHER_CLOCK = 60.0  # s; odometry that seems older than this has the stamps of another clock
@@ -60,7 +61,7 @@ def inverse(a: Pose) -> Pose:
     return x, y, -a[2]
 
 
-def turn(yaw: float, vector: XY) -> XY:
+def turn(yaw: float, vector: tuple[T, T]) -> tuple[T, T]:
     """Return `vector` turned to the left by `yaw` rad; unchanged for 0."""
     if yaw == 0.0:
         return vector
@@ -86,11 +87,8 @@ def move(a: Pose, xy: ArrayLike) -> NDArray[np.float64]:
 
 
 def _turned(yaw: float, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    if yaw == 0.0:
-        return vectors
-    cos, sin = math.cos(yaw), math.sin(yaw)
     x, y = vectors.T
-    return np.column_stack((cos * x - sin * y, sin * x + cos * y))
+    return vectors if yaw == 0.0 else np.column_stack(turn(yaw, (x, y)))
 
 
 def move_odometry(a: Pose, odometry: Odometry) -> Odometry:
