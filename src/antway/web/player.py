@@ -40,7 +40,7 @@ class Turns:
     """
 
     def __init__(self, threads: int = THREADS) -> None:
-        self.free, self.workers = asyncio.Semaphore(threads), ThreadPoolExecutor(threads, "antway")
+        self.workers = ThreadPoolExecutor(threads, "antway")
         self.latest_request = -math.inf  # time on the clock of the event loop
         self.playing = asyncio.Semaphore(threads)  # at most this many tabs play or wait for a lull at a time
 
@@ -50,8 +50,7 @@ class Turns:
 
     async def take(self, work: Callable[..., T], *given: object) -> T:
         """Run `work` in one of the threads, so that the server can answer others meanwhile."""
-        async with self.free:
-            return await asyncio.get_running_loop().run_in_executor(self.workers, work, *given)
+        return await asyncio.get_running_loop().run_in_executor(self.workers, work, *given)
 
     @asynccontextmanager
     async def lull(self) -> AsyncIterator[None]:
