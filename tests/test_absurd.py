@@ -149,7 +149,13 @@ REQUEST = some.one_of(
     some.fixed_dictionaries(
         {"op": some.just("drop"), "points": some.lists(xy, max_size=3), "speed": SENSIBLE, "radius": SENSIBLE}
     ),
-    some.fixed_dictionaries({"op": some.just("paint"), "blocked": some.booleans(), "cells": some.lists(xy, max_size=3)}),
+    some.fixed_dictionaries(
+        {
+            "op": some.just("paint"),
+            "blocked": some.booleans(),
+            "runs": some.lists(some.tuples(whole, whole, whole).map(list), max_size=3),
+        }
+    ),
     some.fixed_dictionaries({"op": some.just("stop"), "xy": xy}),
     some.fixed_dictionaries({"op": some.just("speed"), "speed": absurd}),
     some.fixed_dictionaries({"op": some.just("remove"), "obstacle": whole}),

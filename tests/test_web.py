@@ -176,7 +176,7 @@ def test_undo_keeps_no_more_than_its_budget_of_maps(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(sessions, "MAX_UNDO_BYTES", most)
     session._open(Scenario(World(Grid(np.zeros((1000, 1000), bool))), (1.5, 1.5), (998.5, 998.5), name="large"))
     for k in range(most // 1_000_000 + 5):
-        session.apply({"op": "paint", "blocked": True, "cells": [[500, 10 + k]]})
+        session.apply({"op": "paint", "blocked": True, "runs": [[500, 10 + k, 10 + k]]})
     assert sum(one.world.grid.blocked.nbytes for one in session.history) <= most
     assert len(session.history) > 2 and session.scenario.world.grid.blocked[500, 10 + k]
     session.apply({"op": "undo"})
@@ -229,15 +229,15 @@ def test_edits_can_be_undone_and_wrong_ones_change_nothing() -> None:
     """Each edit is one step of undo; a refused one leaves scenario and run as they were."""
     session = Session()
     first = session.scenario
-    session.apply({"op": "paint", "blocked": True, "cells": [[18, 1], [18, 2]]})
+    session.apply({"op": "paint", "blocked": True, "runs": [[18, 1, 2]]})
     session.apply({"op": "move", "end": "goal", "xy": [17.5, 17.5]})
     session.apply({"op": "drop", "xy": [5.5, 1.5], "velocity": [0.5, 0.0], "radius": 0.3})
     session.apply({"op": "step"})
     before, views = session.scenario, session.views
     wrong: list[Any] = [
         None,
-        {}, {"op": "paint", "blocked": True, "cells": [[0, 0]]},
-        {"op": "paint", "blocked": True, "cells": [[0, 99]]},
+        {}, {"op": "paint", "blocked": True, "runs": [[0, 0, 0]]},
+        {"op": "paint", "blocked": True, "runs": [[0, 99, 99]]},
         {"op": "set", "field": "robot.radius", "value": 99}, {"op": "set", "field": "seed", "value": 1.5},
         {"op": "policies", "names": ["nobody"]}, {"op": "open", "files": [{"name": "../x.map", "data": ""}]},
         {"op": "open", "files": [{"name": "x.png", "data": base64.b64encode(b"no png").decode()}]},
@@ -505,8 +505,7 @@ def test_stops_are_set_and_removed_and_their_order_follows_the_walls() -> None:
     with pytest.raises(BadInput):
         session.apply({"op": "stop", "xy": [99.0, 1.5]})
     assert len(session.scenario.stops) == 3
-    wall = [[2, col] for col in range(1, 6)]
-    (scene,) = session.apply({"op": "paint", "cells": wall, "blocked": True})
+    (scene,) = session.apply({"op": "paint", "runs": [[2, 1, 5]], "blocked": True})
     assert len(scene["stops"]) == 3 and len(scene["shortest"]) > 3
     play(session, 400)
     frame = session.frame()["views"][0]
@@ -620,14 +619,15 @@ def test_start_and_goal_of_a_map_have_a_path_between_them() -> None:
 
 def test_runs_of_cells_are_painted_and_wrong_ones_are_refused() -> None:
     """Runs (row, from, to) paint what their cells do, overlaps too; what is off the map or backwards changes nothing."""
-    session, other = Session(), Session()
+    session = Session()
+    painted = session.scenario.world.grid.blocked.copy()
+    painted[18, 1:5] = painted[16, 2] = True
     session.apply({"op": "paint", "blocked": True, "runs": [[18, 1, 3], [18, 2, 4], [16, 2, 2]]})
-    other.apply({"op": "paint", "blocked": True, "cells": [[18, 1], [18, 2], [18, 3], [18, 4], [16, 2]]})
-    assert session.scenario.world == other.scenario.world
+    assert (session.scenario.world.grid.blocked == painted).all()
     session.apply({"op": "paint", "blocked": False, "runs": [[18, 2, 3]]})
     assert session.scenario.world.grid.blocked[18, 1:5].tolist() == [True, False, False, True]
     before = session.scenario
-    for wrong in ([18, 3, 2], [18, 1, 20], [20, 1, 2], [-1, 1, 2], [18, 1.5, 2], [18, 1], [18, 1, 1e300]):
+    for wrong in ([18, 3, 2], [18, 1e300, 2], [18, 1, 20], [20, 1, 2], [-1, 1, 2], [18, 1.5, 2], [18, 1], [18, 1, 1e300]):
         with pytest.raises(BadInput, match="runs"):
             session.apply({"op": "paint", "blocked": True, "runs": [wrong]})
     assert session.scenario is before

@@ -149,7 +149,7 @@ class Session(Tab):
             "occlusion": scenario.sensor.occlusion,
             "fastest": scenario.obstacle_speed,
             "acceleration": short(scenario.obstacle_surge),
-            "field": {"row": 0, "col": 0, "farthest": short(most), **shades(near, FIELD)} if found else None,
+            "field": {"row": 0, "col": 0, **shades(near, FIELD)} if found else None,
             "radii": [obstacle.radius for obstacle in scenario.world.obstacles],
             "shortest": short_rows(path),
             "stops": [stop.at for stop in scenario.stops],
@@ -255,18 +255,16 @@ class Session(Tab):
         return self._open(_put(self.scenario, name, value))
 
     def _painted(self, message: Message) -> NDArray[np.bool_]:
-        """Return which cells of the map are in `cells`, (row, column), or in `runs`, (row, first column, last column)."""
-        shape = self.scenario.world.grid.shape
-        name, form = ("runs", "(row, from col, to col)") if "runs" in message else ("cells", "(row, col)")
-        given = checks.array(name, message.get(name), (None, 3 if name == "runs" else 2))
-        row, first, last = given[:, 0], given[:, 1], given[:, -1]
-        if (given != np.round(given)).any() or (given < 0).any() or (row >= shape[0]).any() or (last >= shape[1]).any():
-            raise BadParameter(name, message.get(name), f"{name} {form} of the map of {shape}")
-        if (first > last).any():
-            raise BadParameter(name, message.get(name), f"{name} {form} that do not end before they begin")
-        change = np.zeros((shape[0], shape[1] + 1), dtype=np.int32)
-        np.add.at(change, (row.astype(np.int64), first.astype(np.int64)), 1)
-        np.add.at(change, (row.astype(np.int64), last.astype(np.int64) + 1), -1)
+        """Return which cells of the map are in `runs`, (row, first column, last column)."""
+        runs, shape = message.get("runs"), self.scenario.world.grid.shape
+        given = checks.array("runs", runs, (None, 3))
+        if (given != np.round(given)).any() or (given < 0).any() or (given[:, [0, 2]] >= shape).any():
+            raise BadParameter("runs", runs, f"runs (row, from col, to col) of the map of {shape}")
+        if (given[:, 1] > given[:, 2]).any():
+            raise BadParameter("runs", runs, "runs (row, from col, to col) that do not end before they begin")
+        change, (row, first, last) = np.zeros((shape[0], shape[1] + 1), dtype=np.int32), given.astype(np.int64).T
+        np.add.at(change, (row, first), 1)
+        np.add.at(change, (row, last + 1), -1)
         return change.cumsum(axis=1)[:, :-1] > 0
 
     def do_paint(self, message: Message) -> list[Message]:
