@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from antway import Grid, RobotSpec, Scenario, World, save_map
+from antway import Grid, RobotSpec, Scenario, World, run, save_map
 from antway.arena.suites import SUITES, Chance, Suite, SuiteEpisode, build, drawn, episodes, facts, load_suite, seed_of, stage
 from antway.arena.synthetic import DENSITIES
 from antway.errors import BadInput, BadParameter, BadScenario
@@ -106,6 +106,15 @@ def test_facts():
     assert late.bound == math.inf and late.shortest == pytest.approx(9.8)
     gone = facts(Scenario(World(room, (Obstacle(0.3, Line((6.1, 2.0), (6.1, 10.0), 1.6)),)), (1.1, 6.1), (11.1, 6.1), spec), 0)
     assert free.bound < gone.bound < free.bound + 1.0
+
+
+def test_an_arrival_in_the_last_control_period_has_an_optimum() -> None:
+    """An episode drives the period that the horizon falls into to its end, and a goal reached by then counts."""
+    room = World(Grid(np.zeros((60, 60), np.bool_), 0.2))
+    for horizon, reached in ((4.79, False), (4.81, True)):  # the tolerance is reached at 4.85 s
+        scenario = Scenario(room, (1.1, 6.1), (11.1, 6.1), RobotSpec(v_max=2.0), horizon=horizon, goal_tolerance=0.3)
+        assert run(scenario, "follow").reached == reached
+        assert facts(scenario, 0).bound == pytest.approx(4.85 if reached else math.inf)
 
 
 def test_difficulty_is_what_dense_sampling_finds():

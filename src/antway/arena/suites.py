@@ -237,11 +237,12 @@ def facts(scenario: Scenario, seed: int) -> Facts:
     task, robot = scenario.task, scenario.robot
     timeline = scenario.world.timeline(seed, scenario.horizon)
     searches = searches_for(task)
-    paths = (paths_to_goal(task, searches, known, horizon=scenario.horizon)[0] for known in (timeline, None))
+    end = math.ceil(scenario.horizon / robot.dt - 1e-9) * robot.dt  # of the last control period, as in an episode
+    paths = (paths_to_goal(task, searches, known, horizon=end)[0] for known in (timeline, None))
     arrival, shortest = (arrival_time(path, task) for path in paths)
     follows = any(isinstance(one.motion, Pursue) for one in scenario.world.obstacles)
     return Facts(
-        bound=math.nan if follows else arrival if arrival <= scenario.horizon else math.inf,
+        bound=math.nan if follows else arrival if arrival <= end else math.inf,
         shortest=shortest * robot.v_max,
         difficulty=_difficulty(scenario, seed),
     )
