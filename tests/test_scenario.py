@@ -61,11 +61,17 @@ def hall(tmp_path: Path) -> Path:
 
 
 def test_a_replay_may_have_a_heading(hall: Path) -> None:
-    """The heading t,x,y of a recording is not a fault."""
+    """The heading t,x,y of a recording is not a fault, wherever comments and empty lines leave it."""
     plain = load_scenario(hall)
     track = hall.parent / "track.csv"
-    track.write_text("t, x, y\n" + track.read_text())
-    assert load_scenario(hall).world.obstacles[1] == plain.world.obstacles[1]
+    numbers = track.read_text()
+    for heading in ("t, x, y\n", "\n  \nt,x,y\n\n", "# of the camera\nT,X,Y\n# in s and m\n", "# t,x,y\n"):
+        track.write_text(heading + numbers)
+        assert load_scenario(hall).world.obstacles[1] == plain.world.obstacles[1]
+    for wrong in ("t,y,x\n", "t,x,y\nt,x,y\n"):
+        track.write_text(wrong + numbers)
+        with pytest.raises(BadScenario, match=r"obstacles\[1\]\.file"):
+            load_scenario(hall)
 
 
 def test_a_scenario_file_is_read(hall: Path) -> None:

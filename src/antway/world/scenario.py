@@ -226,10 +226,10 @@ def _read_csv(file: Path, name: str, where: str) -> NDArray[np.float64]:
     with opened(file, MAX_BYTES, error=BadScenario, field=name) as (lines, _), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # about files without lines, whose shape is refused later
         try:
-            text = io.TextIOWrapper(lines, encoding="utf-8-sig")
-            first = text.readline()
-            rows = text if first.replace(" ", "").strip().lower() == "t,x,y" else chain((first,), text)
-            return np.loadtxt(rows, delimiter=",", ndmin=2, max_rows=MAX_KNOTS + 1)
+            rows = (line for line in io.TextIOWrapper(lines, encoding="utf-8-sig") if line.partition("#")[0].strip())
+            first = next(rows, "")
+            heading = first.replace(" ", "").strip().lower() == "t,x,y"
+            return np.loadtxt(rows if heading else chain((first,), rows), delimiter=",", ndmin=2, max_rows=MAX_KNOTS + 1)
         except ValueError as error:
             raise BadScenario(name, str(error), "CSV lines t,x,y in s and m", where=where) from None
 
