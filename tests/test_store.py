@@ -69,7 +69,10 @@ def test_a_file_of_another_schema_is_refused_and_left_alone(tmp_path):
     db.close()
     text = tmp_path / "text.db"
     text.write_text("this is not a database, but long enough to look at " * 100)
-    for path, printed in ((other, "a results file of antway"), (newer, "schema 99"), (text, "not a database")):
+    short = tmp_path / "short.db"
+    short.write_text("x")  # SQLite would take it for an empty file
+    shut = "a results file of antway"
+    for path, printed in ((other, shut), (newer, "schema 99"), (text, "not a database"), (short, shut)):
         before = path.read_bytes()
         for write in (True, False):
             with pytest.raises(BadResults, match=printed):

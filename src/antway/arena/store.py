@@ -112,7 +112,7 @@ class Results:
 
     def _open(self) -> None:
         ids = [self.db.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version", "schema_version")]
-        if self.write and ids == [0, 0, 0]:
+        if self.write and ids == [0, 0, 0] and self.path.stat().st_size != 1:  # SQLite takes one byte for an empty file
             self.db.execute("PRAGMA journal_mode = WAL")
             self.db.execute("BEGIN IMMEDIATE")
             if not self.db.execute("PRAGMA schema_version").fetchone()[0]:
