@@ -194,6 +194,18 @@ def test_wrong_values_are_named(tmp_path: Path, key: str, value: object) -> None
     assert str(path) in str(caught.value)
 
 
+@pytest.mark.parametrize("wrong", ["inf", "nan", 1e300, 2**53 + 1, 0.5])
+def test_numbers_of_obstacles_are_integers(tmp_path: Path, wrong: object) -> None:
+    """Those that no integer of 64 bits holds used to become others, with a warning of NumPy."""
+    path = tmp_path / "trace.json"
+    sample().save(path)
+    record = json.loads(path.read_text())
+    record["timeline"]["id"][0] = wrong
+    path.write_text(json.dumps(record))
+    with pytest.raises(BadScenario, match=r"trace\.json: timeline\.id .*integers"):
+        Trace.load(path)
+
+
 def test_no_file_is_a_typed_error(tmp_path: Path) -> None:
     """A missing file, a folder and deep nesting are refused."""
     (tmp_path / "deep.json").write_text("[" * 100_000)

@@ -258,8 +258,8 @@ class _Reader:
         columns: dict[str, Any] = {}
         for name, kind in COLUMNS.items():
             array = self.floats(f"timeline.{name}", parts[name], (None, 2) if name == "knot_xy" else (None,))
-            if kind is np.int64 and not (array == np.round(array)).all():
-                raise self.bad(f"timeline.{name}", parts[name], "integers")
+            if kind is np.int64 and not ((array == np.round(array)) & (np.abs(array) < 2**53)).all():
+                raise self.bad(f"timeline.{name}", parts[name], "integers below 2^53")
             columns[name] = array.astype(kind)
         try:
             return Timeline(**columns)
