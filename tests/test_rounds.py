@@ -21,7 +21,7 @@ from antway.verify_episode import rounds_faults
 from antway.world.episode import Episode
 from antway.world.motions import Line, Replay
 from antway.world.order_planner import MANY, nearest_cell
-from antway.world.policy import Task, Tracks, make_policy
+from antway.world.policy import Observation, Task, Tracks, make_policy
 from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import save_scenario
 from antway.world.sensor import Sensor
@@ -203,6 +203,27 @@ def test_a_door_that_closes_turns_the_order() -> None:
     assert all(result.rounds.lateness(visit) == 0.0 for visit in result.rounds.visits)
 
 
+def test_whoever_comes_to_stand_in_the_way_is_told_from_others() -> None:
+    """Obstacle 3 stands aside all the time, 7 first aside, then in the upper door while the robot serves; then it leaves."""
+    near, behind, door, aside = (4.5, 5.4), (7.5, 5.4), (6.1, 5.4), (1.0, 4.5)
+    stops = Stop(near, "near", service=0.8), Stop(behind, window=(30.0, math.inf))
+    reasons = list[str]()
+    policy = RoundsPolicy(make_policy("follow"), stops)
+    policy.reset(hall(stops=stops).task, 0)
+    assert policy.order == [0, 1]
+    policy._decide = reasons.append  # type: ignore[method-assign]
+    for times, xy, other, told in (
+        (range(6), (2.0, 5.4), aside, []),
+        (range(6, 17), near, door, ["near is done", "obstacle 7 stands in the way"]),
+        (range(17, 19), near, aside, ["the path is free again"]),
+    ):
+        tracks = Tracks([3, 7], [(1.0, 3.0), other], np.zeros((2, 2)), [0.3, 0.3])
+        for t in times:
+            policy.act(Observation(float(t), xy, (0.0, 0.0), 0.0, tracks))
+        assert reasons == told
+        reasons.clear()
+
+
 def test_no_window_is_lost_that_an_exact_plan_would_keep_when_a_door_closes() -> None:
     """The order decided on with someone in the upper door is never late where any order would not be."""
     rng = np.random.default_rng(6)
@@ -220,7 +241,7 @@ def test_no_window_is_lost_that_an_exact_plan_would_keep_when_a_door_closes() ->
         policy.reset(scenario.task, 1)
         before = tuple(policy.order)
         policy.standing.sightings = {7: Sighting(0.0, 4.0, 6.1, 5.4, 0.3)}
-        policy.planner.present = policy.standing.block(policy.planner.inflated, policy.standing.walls(), 0.25)
+        policy.planner.present = policy.standing.block(policy.planner.inflated, policy.standing.walls().keys(), 0.25)
         policy._decide("a door is closed")
         times = policy.planner.travel_times(policy.xy, policy.remaining)
         windows = np.array([stop.window for stop in stops])
@@ -403,7 +424,7 @@ def test_who_stands_is_told_by_places() -> None:
         places = np.array([(1.0 + t, 2.0), (3.0, 4.0)]) + rng.normal(0.0, 0.02, (2, 2))
         velocity = np.array([(math.nan, math.nan), rng.normal(0.0, 0.1, 2)])
         standing.observe(Tracks([0, 1], places, velocity, [0.3, 0.3]), float(t))
-    assert standing.walls() == {1}
+    assert standing.walls() == {1: 0.0}
 
 
 def test_wrong_stops_of_the_policy_are_refused() -> None:

@@ -67,7 +67,7 @@ class RoundsPolicy:
         self.now, self.xy = 0.0, task.start  # of the last observation
         self.planner = OrderPlanner(task, self.stops, seed)
         self.standing = StandingObstacles()
-        self.walls: frozenset[int] = frozenset()  # ids of the obstacles that count as walls since the last review
+        self.walls: dict[int, float] = {}  # ids of the obstacles that count as walls since the last review, and since when
         self.reviewed = 0.0  # s; time of the last review
         self.remaining = list(range(len(self.stops)))
         self.order: list[int] = []  # the remaining stops, in the order in which they will be visited
@@ -163,7 +163,7 @@ class RoundsPolicy:
         may move on.
         """
         grid, ends, apart = self.task.grid, (self.xy, self._target), set()
-        for number in self.walls & self.standing.sightings.keys():
+        for number in self.walls.keys() & self.standing.sightings.keys():
             one = self.standing.sightings[number]
             if min(math.dist((one.x, one.y), end) for end in ends) >= one.radius + self.task.robot.radius + grid.resolution:
                 apart.add(number)
@@ -191,12 +191,13 @@ class RoundsPolicy:
         walls = self.standing.walls()
         if walls == self.walls:
             return ""
-        before = self.planner.path_length(self.xy, self._target)
+        new, before = walls.items() - self.walls.items(), self.planner.path_length(self.xy, self._target)
         self.walls = walls
-        self.planner.present = self.standing.block(self.planner.inflated, walls, self.task.robot.radius)
-        if abs(self.planner.path_length(self.xy, self._target) - before) <= DETOUR:
+        self.planner.present = self.standing.block(self.planner.inflated, walls.keys(), self.task.robot.radius)
+        longer = self.planner.path_length(self.xy, self._target) - before
+        if abs(longer) <= DETOUR:
             return ""
-        return f"obstacle {min(walls)} stands in the way" if walls else "the path is free again"
+        return f"obstacle {min(new)[0]} stands in the way" if longer > 0.0 else "the path is free again"
 
     def _decide(self, reason: str) -> None:
         """Search for the best order of the remaining stops, and take it if it is clearly better."""

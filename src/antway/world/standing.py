@@ -44,18 +44,17 @@ class StandingObstacles:
             self.sightings[number] = Sighting(since, now, x, y, float(tracks.radius[k]))
         self.sightings = {number: one for number, one in self.sightings.items() if now - one.seen < FORGOTTEN_AFTER}
 
-    def walls(self) -> frozenset[int]:
-        """Return the ids of the obstacles that have stood for so long that they count as walls."""
-        return frozenset(number for number, one in self.sightings.items() if one.seen - one.since >= WALL_AFTER)
+    def walls(self) -> dict[int, float]:
+        """Return the ids of the obstacles that have stood for so long that they count as walls, and since when, s."""
+        return {number: one.since for number, one in self.sightings.items() if one.seen - one.since >= WALL_AFTER}
 
     def block(self, grid: Grid, numbers: Set[int], margin: float) -> Grid:
         """Return `grid` with cells blocked whose centre is within the radius plus `margin` m of one of these obstacles."""
-        known = [self.sightings[number] for number in numbers if number in self.sightings]
-        if not known:
+        if not numbers:
             return grid
         rows, cols = np.indices(grid.shape)
         blocked = grid.blocked.copy()
-        for one in known:
+        for one in map(self.sightings.__getitem__, numbers):
             row, col = grid.to_points([(one.x, one.y)])[0]
             blocked |= np.hypot(rows - row, cols - col) < (one.radius + margin) / grid.resolution
         return replace(grid, blocked=blocked)
