@@ -210,19 +210,21 @@ def test_tracks(tmp_path, csv):
         assert timeline.at(t)[0] == pytest.approx(np.array([(since + t, 2.0), (6.0, 8.0 - 0.9 * (since + t))]), abs=1e-6)
 
 
-@pytest.mark.parametrize("rate", [10, 24, 30])
+@pytest.mark.parametrize("rate", [2, 10, 24, 30, 100])
 def test_people_come_and_go_at_their_own_speed_whatever_the_rate(tmp_path, rate):
     """Before and after a record of 4 s people walk on at 0.5 m/s, though its places have steps of 0.04 m, as pixels have.
 
-    Within it no step is shorter than 0.1 s, in which such places would jump.
+    Within it no step is shorter than 0.1 s, in which such places would jump, and the first and the last place are kept.
     """
-    rows = [(k / rate, v, round(v * k / rate / 0.04) * 0.04) for v in (0.5, -0.5) for k in range(4 * rate + 1)]
+    rows = [(k / rate, v, round(v * k / rate / 0.04) * 0.04) for v in (0.5, -0.5) for k in range(4 * rate)]
     (tmp_path / "t.csv").write_text("".join(f"{t},{v > 0:d},{x},{v}\n" for t, v, x in rows))
     for person in build(episodes(f"tracks:{tmp_path / 't.csv'}", 1)[0]).world.obstacles:
         t, points = np.array(person.motion.t) - person.motion.record_start, np.array(person.motion.points)
         v = points[0, 1]
         assert np.interp((-3.0, 7.0), t, points[:, 0]) == pytest.approx((-3.0 * v, 7.0 * v), abs=0.35)
-        assert np.diff(t).min() + 1e-6 >= 0.1 and np.median(np.diff(t)) < 0.15
+        assert np.diff(t).min() + 1e-6 >= 0.1 and np.median(np.diff(t)) < max(0.15, 1.01 / rate)
+        ends = [row[::2] for row in rows if row[1] == v][:: 4 * rate - 1]
+        assert list(zip(t, points[:, 0]))[1:-1][:: len(t) - 3] == [pytest.approx(end) for end in ends]
 
 
 def test_tracks_start_from_every_side(tmp_path):

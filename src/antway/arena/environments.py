@@ -102,7 +102,7 @@ def tracks(file: str) -> Suite:
 
     People do not appear from nowhere: before their records start they walk in straight with the velocity of the first step, and
     after the end they walk on with the velocity of the last step, or of 0.4 s where steps are shorter than 0.1 s. Of places
-    less than 0.1 s apart, as those of cameras, one in 0.1 s or a little more is used. If a record starts during the episode
+    less than 0.1 s apart, as those of cameras, one in 0.1 s or more is used and the last. If a record starts during the episode
     within 1 m of the robot (between centres, at the next control period), that person is absent until the end of a control
     period at which the distance exceeds 1 m plus the distance that the robot can drive in it. The robot knows nothing about the
     speeds in the record: the declared bound is the usual 1.5 m/s, which some people exceed.
@@ -278,7 +278,8 @@ def _jumps(walk: NDArray[np.float64]) -> int:
 def _walk(rows: NDArray[np.float64], since: float, far: float) -> Replay:
     """Return a pedestrian's motion from time `since` on, continued with constant velocity up to `far` m before and after."""
     first, last = _velocity(rows), _velocity(rows[::-1])
-    rows = rows[:: math.ceil((_STEP - 1e-3) / float(np.median(np.diff(rows[:, 0]))))]
+    stride = math.ceil((_STEP - 1e-3) / float(np.median(np.diff(rows[:, 0]))))
+    rows = np.vstack((rows[: max(len(rows) - stride, 1) : stride], rows[-1]))
     t, xy = rows[:, 0] - since, rows[:, 1:]
     record_start = float(t[0])
     lead, tail = (far / max(float(np.hypot(*v)), 0.1) for v in (first, last))
