@@ -9,13 +9,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from antway import BadParameter, Command, Grid, RobotSpec, Scenario, World, check_episode, load_scenario, run
+from antway import BadParameter, BadScenario, Command, Grid, RobotSpec, Scenario, World, check_episode, load_scenario, run
 from antway.arena.causes import by_cause, cause, with_cause
 from antway.arena.store import Row
 from antway.baselines.replan import Follow
 from antway.world.entries import NEAR
-from antway.world.motions import Pursue, Replay
+from antway.world.motions import Pursue, Replay, place_at
 from antway.world.scenario import save_scenario
+from antway.world.sensor import Sensor
 from antway.world.timeline import Timeline
 from antway.world.trace import Outcome
 from antway.world.world import Obstacle
@@ -89,6 +90,53 @@ def test_entries_among_others_keep_every_rule():
         steps = [np.hypot(*np.diff(line.trajectory(k)[1], axis=0).T) for k in range(4)]
         gone += sum(bool((step > 100.0).any()) for step in steps)
     assert gone > 2
+
+
+PLANK = (1.2, 0.2), (-1.2, 0.2), (-1.2, -0.2), (1.2, -0.2)
+
+
+@pytest.mark.parametrize("robot", [RobotSpec(sensor_range=50.0), RobotSpec(dt=0.25, footprint=PLANK, sensor_range=50.0)])
+def test_who_is_seen_when_is_what_the_rule_says(robot: RobotSpec) -> None:
+    """At every scan each person is where the record says, with its velocity, or absent as the rule says, step by step."""
+    rng, absent, hits = np.random.default_rng(5), 0, 0
+    for _ in range(cases(40, 400)):
+        people, speed = [], float(rng.uniform(0.0, 1.0))
+        for begins in (0.0, *rng.uniform(0.1, 5.0, 3).round(1)):
+            t = begins + 0.1 * np.arange(-200, 90)
+            ahead, aside = rng.uniform(-0.9, 0.9), rng.choice((-1.0, 1.0)) * rng.uniform(0.45, 1.0)
+            xy = np.array((2.0 + speed * begins + ahead, 6.0 + aside)) + np.outer(t - begins, rng.uniform(-1.2, 1.2, 2))
+            xy[:, 1] += 0.2 * (np.sin(3.0 * t) - math.sin(3.0 * begins))
+            people.append(Obstacle(0.2, Replay(tuple(t), tuple(map(tuple, xy)), float(begins))))
+        scenario = Scenario(World(ROOM, people), (2.0, 6.0), (10.5, 6.0), robot, Sensor(occlusion=False), horizon=7.0)
+        try:
+            result = run(scenario, policy := Drives(speed))
+        except BadScenario:  # one is at the start
+            continue
+        trace, hidden, dt = result.trace, np.zeros(len(people), np.bool_), robot.dt
+        due = [one.motion.record_start > 0.0 for one in people]
+        for i, (t, tracks) in enumerate(policy.seen):
+            assert (trace.sensed[i] == ~hidden).all()
+            for k, person in enumerate(people):
+                at, later = (place_at(person.motion.arrays, when) for when in (t, t + dt))
+                if not hidden[k]:
+                    row = int(np.flatnonzero(tracks.id == k)[0])
+                    assert tracks.xy[row] == pytest.approx(at) == trace.timeline.at(t)[0][k]
+                    assert np.hypot(*tracks.velocity[row]) < 2.5 and (t < 0.1 or tracks.velocity[row].any())
+                if hidden[k]:
+                    hidden[k] = math.dist(later, trace.xy[i]) <= max(1.0, robot.radius + 0.2) + robot.v_max * dt
+                elif i and due[k] and person.motion.record_start <= t + 1e-9:
+                    due[k], hidden[k] = False, math.dist(at, trace.xy[i]) <= 1.0
+                    absent += int(hidden[k])
+        hits += result.outcome in (Outcome.HIT_MOVING, Outcome.HIT_STANDING)
+        check_episode(result)
+    assert absent > 3 and hits > 2
+
+
+def test_who_comes_back_does_not_pass_through_the_robot() -> None:
+    """It was removed to the north, and its record leads on a hair south of due east, so it comes back around by the north."""
+    t, xy = (0.0, 2.0, 3.05, 3.09), ((2.0, 8.8), (2.0, 6.8), (2.0, 6.8), (4.0, 5.9995))
+    result, seen = play(Obstacle(0.3, Replay(t, xy, 2.0)), speed=0.0)
+    assert result.outcome is Outcome.TIMEOUT and {len(tracks) for _, tracks in seen} == {0, 1}
 
 
 def test_when_a_record_begins_is_kept_in_a_file_and_checked(tmp_path):

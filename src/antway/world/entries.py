@@ -62,7 +62,7 @@ class Entries:
         knot_t, xy = trajectory = line.trajectory(k)
         place = place_at(trajectory, t)
         apart = math.dist(place, here)
-        if not 0.0 < apart <= NEAR:
+        if apart > NEAR:
             return None
         far = self.absent[k] = here + (place - here) * (_FAR / apart)
         known = knot_t < t - 1e-9
