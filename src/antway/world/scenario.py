@@ -174,7 +174,7 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
     check_keys(record, "", _TOP, ("map", "start", "goal"), where)
     size = {name: values.pop(name) for name in ("resolution", "occupied") if name in values}
     shown = {name: values.pop(name) for name in ("top_first",) if name in values}
-    grid = load_map(_file_below(values["map"], "map", folder, where), **size).turned()
+    map_file = _file_below(values["map"], "map", folder, where)
     listed = values.pop("obstacles", [])
     if not isinstance(listed, list):
         raise BadScenario("obstacles", listed, "a list of tables [[obstacles]]", where=where)
@@ -186,10 +186,10 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
         raise BadScenario("stops", visits, "a list of tables [[stops]]", where=where)
     stops = tuple(from_table(f"stops[{k}]", Stop, one, where) for k, one in enumerate(visits))
     try:
-        world = World(replace(grid, **shown), obstacles)
+        world = World(replace(load_map(map_file, **size).turned(), **shown), obstacles)
         return Scenario(world=world, robot=robot, sensor=sensor, stops=stops, **values)
     except BadInput as error:
-        raise error.at(where) from None
+        raise error if error.where else error.at(where) from None
 
 
 def _robot(value: object, where: str) -> RobotSpec:
