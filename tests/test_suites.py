@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from antway import Grid, RobotSpec, Scenario, World, run, save_map
+from antway.arena.environments import read_tracks, walks
 from antway.arena.suites import SUITES, Chance, Suite, SuiteEpisode, build, drawn, episodes, facts, load_suite, seed_of, stage
 from antway.arena.synthetic import DENSITIES
 from antway.errors import BadInput, BadParameter, BadScenario
@@ -185,6 +186,55 @@ def test_maps(tmp_path):
     assert len(names) == 3
 
 
+def test_worlds_on_maps_are_as_described(tmp_path: Path) -> None:
+    """Density, radii, speeds and room at the start; robot and discs are in the larger room, and the goal is far off."""
+    (tmp_path / "two.txt").write_text("\n".join(("." * 20 + "#" + "." * 39,) * 40))
+    for episode in episodes(f"maps:{tmp_path / 'two.txt'}", 4):
+        scenario = build(episode)
+        grid, ends, obstacles = scenario.world.grid, (scenario.start, scenario.goal), scenario.world.obstacles
+        assert len(obstacles) == round({"low": 0.02, "medium": 0.05, "high": 0.1}[episode.group] * 40 * 59)
+        places = np.array([*(one.motion.start for one in obstacles), *ends])
+        room = np.argwhere(~grid.inflate(1.3).blocked & (np.arange(60) > 20)) + 0.5
+        steps = np.sort(np.abs(np.vstack((room, scenario.goal[::-1])) - scenario.start[::-1]))
+        length = steps[:, 1] + (math.sqrt(2.0) - 1.0) * steps[:, 0]
+        assert (places[:, 0] > 21.0).all() and length[-1] > length.max() / 2
+        assert scenario.horizon == pytest.approx(60.0 + 3.0 * length.max())
+        for one in obstacles:
+            assert 0.2 <= one.radius < 0.4 and 0.3 <= one.motion.speed < 0.9
+            assert math.dist(one.motion.start, scenario.start) > one.radius + 1.3
+        assert (scenario.obstacle_speed, scenario.obstacle_surge) == (0.9, 0.5) and grid.blocked.sum() == 40
+
+
+def test_discs_on_a_fine_map_begin_clear_of_its_walls(tmp_path: Path) -> None:
+    """A disc of 0.4 m needs more room than the robot; a place drawn for it may have only room for the robot."""
+    walls = np.zeros((200, 200), np.bool_)
+    walls[10::24, 10::24] = True
+    save_map(Grid(walls, 0.05), tmp_path / "pillars.yaml")
+    for episode in episodes(f"maps:{tmp_path / 'pillars.yaml'}", 3):
+        world = build(episode).world
+        assert all(world.grid.clearance()[world.grid.cell_at(one.motion.start)] > one.radius for one in world.obstacles)
+
+
+def test_barns_are_as_described() -> None:
+    """Discs go round between four places on legs that are clear of cylinders; there is a path of 18 m from start to goal."""
+    filled = {}
+    for episode in episodes("barn", 3):
+        scenario, known = stage(episode)
+        grid, obstacles = scenario.world.grid, scenario.world.obstacles
+        filled.setdefault(episode.group, []).append(float(grid.blocked.mean()))
+        assert len(obstacles) == {"sparse": 6, "dense": 12}[episode.group] and grid.shape == (80, 200)
+        assert not grid.blocked[:, :20].any() and not grid.blocked[:, 180:].any() and 17.6 < known.shortest < 25.0
+        walls = np.argwhere(grid.blocked)[:, ::-1] * 0.1
+        for one in obstacles:
+            points = np.array(one.motion.points)
+            assert one.radius == 0.3 and 0.3 <= one.motion.speed < 0.8 and one.motion.loop and len(points) == 4
+            assert ((points >= (3.0, 0.5)) & (points < (17.0, 7.5))).all()
+            share = np.linspace(0.0, 1.0, 60)[:, None, None]
+            along = (points + share * (np.roll(points, -1, axis=0) - points)).reshape(-1, 1, 2)
+            assert np.hypot(*np.moveaxis(along - np.clip(along, walls, walls + 0.1), 2, 0)).min() >= 0.3 - 1e-9
+    assert 0.025 < np.mean(filled["sparse"]) < 0.037 and 0.05 < np.mean(filled["dense"]) < 0.07
+
+
 def walkers(path, *, csv):
     """Two people who cross, as an obsmat.txt (a place each 0.4 s) or CSV."""
     lines = []
@@ -227,6 +277,15 @@ def test_people_come_and_go_at_their_own_speed_whatever_the_rate(tmp_path, rate)
         assert list(zip(t, points[:, 0]))[1:-1][:: len(t) - 3] == [pytest.approx(end) for end in ends]
 
 
+@pytest.mark.parametrize(("rate", "speed"), [(2, 0.6), (10, 1.0), (20, 0.625), (100, 0.625)])
+def test_people_leave_with_their_last_velocity(tmp_path: Path, rate: int, speed: float) -> None:
+    """Somebody walks 0.5 m/s, and the last place is 0.05 m farther on."""
+    x = 0.5 * np.arange(4 * rate) / rate + 0.05 * (np.arange(4 * rate) == 4 * rate - 1)
+    (tmp_path / "t.csv").write_text("".join(f"{k / rate},1,{at},0\n" for k, at in enumerate(x)))
+    t, xy = build(episodes(f"tracks:{tmp_path / 't.csv'}", 1)[0]).world.obstacles[0].motion.arrays
+    assert (xy[-1, 0] - xy[-2, 0]) / (t[-1] - t[-2]) == pytest.approx(speed)
+
+
 def test_tracks_start_from_every_side(tmp_path):
     """Over the episodes of a file the robot starts near each of the four sides, and its goal is near the opposite one."""
     spec = f"tracks:{walkers(tmp_path / 't.csv', csv=True)}"
@@ -261,6 +320,10 @@ def test_crowds_and_narrow_or_large_places(monkeypatch, tmp_path):
     with pytest.raises(BadScenario, match="8 m from everybody"):
         build(episodes(spec, 2)[1])
     monkeypatch.undo()
+    left = [(100 * i + j, 1.0 * i, 1.0 * j, 0.0, 0.0, 0.0, 3.0) for i in range(6) for j in range(11)]
+    spec = recording(tmp_path / "left.csv", *left, (1000, 20.0, 5.0, 0.0, 0.0, 0.0, 3.0))
+    for scenario in map(build, episodes(spec, 8)):  # half of the draws are too near to people, but not all
+        assert min(math.dist(scenario.start, at) for at in scenario.world.timeline(0, 1.0).at(0.0)[0]) > 1.5
     for far in (8.0, 100.0):
         spec = recording(tmp_path / "line.csv", (1, 0.0, 0.0, 1.0, 0.0, 0.0, far))
         scenarios = [build(episode) for episode in episodes(spec, 6)]  # all have room at both ends
@@ -295,6 +358,43 @@ def test_a_number_that_comes_again_is_somebody_else(tmp_path):
     (tmp_path / "one.csv").write_text("0,1,0,0\n0,2,1,1\n")
     with pytest.raises(BadScenario, match="the same id"):
         load_suite(f"tracks:{tmp_path / 'one.csv'}")
+
+
+@pytest.mark.parametrize(
+    ("period", "gap", "same"), [(0.4, 2.9, True), (0.4, 3.1, False), (2.0, 5.9, True), (2.0, 6.1, False), (1.2, 3.5, True)]
+)
+def test_who_is_unseen_for_three_seconds_and_three_frames_is_somebody_else(
+    tmp_path: Path, period: float, gap: float, same: bool
+) -> None:
+    """And whoever is seen once, after another such gap, is left out."""
+    t = [0.0, period, 2 * period, 2 * period + gap, 3 * period + gap, 4 * period + gap, 100.0]
+    (tmp_path / "t.csv").write_text("".join(f"{at},1,{0.8 * at},0\n" for at in t))
+    found = [walk[:, 0].tolist() for walk in walks(read_tracks(str(tmp_path / "t.csv")), "t.csv")]
+    assert found == [pytest.approx(t[:6])] if same else found == [pytest.approx(t[:3]), pytest.approx(t[3:6])]
+
+
+def test_people_of_an_episode_are_those_whose_records_are_in_it(tmp_path: Path) -> None:
+    """Nobody who left before it or comes after it; each walks in from beyond the area, at its own time."""
+    people = [
+        (k, -4.0 * k * v, 1.0 * k, v, 0.0, 4.0 * k, 4.0 * k + 3.0 + k % 9) for k in range(60) for v in (1.0 - 2.0 * (k % 2),)
+    ]
+    spec, begun = recording(tmp_path / "t.csv", *people), set()
+    known = {walk[0, 2]: walk for walk in walks(read_tracks(str(tmp_path / "t.csv")), "t.csv")}  # by the place along y
+    for episode in episodes(spec, 8):
+        scenario = build(episode)
+        here = {one.motion.points[1][1]: one.motion for one in scenario.world.obstacles}
+        since = {round(known[y][0, 0] - motion.record_start, 6) for y, motion in here.items()}
+        begun |= since
+        (start,) = since
+        assert 0.0 <= start <= 4.0 * 59 + 3.0 + 59 % 9 - 20.0
+        overlap = {y for y, walk in known.items() if walk[0, 0] < start + scenario.horizon and walk[-1, 0] > start}
+        assert here.keys() == overlap and len(here) > 5
+        for y, motion in here.items():
+            t, xy = motion.arrays
+            assert t[1:-1] + start == pytest.approx(known[y][:, 0]) and xy[1:-1] == pytest.approx(known[y][:, 1:])
+            speeds = np.diff(xy[[0, 1, -2, -1], 0]) / np.diff(t[[0, 1, -2, -1]])
+            assert speeds == pytest.approx(np.full(3, 1.0 - 2.0 * (y % 2))) and min(t[1] - t[0], t[-1] - t[-2]) > 60.0
+    assert len(begun) == 8
 
 
 @pytest.mark.parametrize("text", ["", "1,2\n", "0,1,a,0\n1,1,0,0\n", "0,1,0,nan\n1,1,0,0\n", "0,1,0,0\n0,1,1,1\n", "\0\0"])
