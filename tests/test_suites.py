@@ -208,7 +208,7 @@ def test_worlds_on_maps_are_as_described(tmp_path: Path) -> None:
 def test_discs_on_a_fine_map_begin_clear_of_its_walls(tmp_path: Path) -> None:
     """A disc of 0.4 m needs more room than the robot; a place drawn for it may have only room for the robot."""
     walls = np.zeros((200, 200), np.bool_)
-    walls[10::24, 10::24] = True
+    walls[5::17, 5::17] = True
     save_map(Grid(walls, 0.05), tmp_path / "pillars.yaml")
     for episode in episodes(f"maps:{tmp_path / 'pillars.yaml'}", 3):
         world = build(episode).world
