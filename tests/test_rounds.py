@@ -427,6 +427,42 @@ def test_who_stands_is_told_by_places() -> None:
     assert standing.walls() == {1: 0.0}
 
 
+def test_an_obstacle_is_a_wall_after_three_seconds_until_it_moves_or_is_forgotten() -> None:
+    """It may sway by 0.2 m from where it came to a stand; a slow walk is none."""
+    standing = StandingObstacles()
+
+    def walls(t: float, *places: tuple[float, float]) -> dict[int, float]:
+        standing.observe(
+            Tracks(range(len(places)), np.reshape(places, (-1, 2)), np.zeros((len(places), 2)), [0.3] * len(places)), t
+        )
+        return standing.walls()
+
+    for t in (0.0, 1.0, 2.0, 2.9):
+        assert walls(t, (1.0, 2.0), (5.0 + 0.15 * t, 5.0)) == {}
+    assert walls(3.0, (1.19, 2.0), (5.45, 5.0)) == {0: 0.0}
+    assert walls(3.5, (0.81, 2.0)) == {0: 0.0} == walls(33.4)
+    assert walls(33.5) == {}
+    assert walls(40.0, (1.0, 2.0)) == {} and walls(43.0, (1.0, 2.0)) == {0: 40.0}
+    assert walls(44.0, (1.25, 2.0)) == {} and walls(47.0, (1.25, 2.0)) == {0: 44.0}
+
+
+@pytest.mark.parametrize(
+    ("opens", "service", "aside", "end"),
+    [(0.65, 0.0, 0.0, 0.7), (0.65, 0.1, 0.0, 0.8), (0.0, 1.0, 0.0, 1.0), (0.0, 1.0, 0.3, 1.0), (0.0, 1.0, 0.6, 1.5)],
+)
+def test_a_service_begins_in_its_window_and_counts_while_the_robot_is_there(
+    opens: float, service: float, aside: float, end: float
+) -> None:
+    """The robot is `aside` m from the stop in five of the periods of 0.1 s; 0.4 m are near enough."""
+    stop = Stop((4.0, 1.0), window=(opens, 100.0), service=service)
+    policy = RoundsPolicy(make_policy("follow"), (stop,))
+    policy.reset(hall(stops=(stop,)).task, 0)
+    for i in range(20):
+        at = 4.0 + aside * (3 <= i < 8), 1.0
+        policy.act(Observation(0.1 * i, at, (0.0, 0.0), 0.0, Tracks.none()))
+    assert policy.visits == [(0, 0.0, opens, pytest.approx(end))]
+
+
 def test_wrong_stops_of_the_policy_are_refused() -> None:
     """It is given stops, not numbers, and a policy."""
     with pytest.raises(BadInput, match=r"stops\[0\]"):
