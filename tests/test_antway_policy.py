@@ -418,6 +418,16 @@ def test_a_robot_in_contact_stands_and_says_why(make) -> None:
         assert observed(one_track(xy=np.array([[5.0 + dx, 2.5 + dy]])), make=make) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize(("drive", "at"), [("differential", 2.5), ("holonomic", 2.5), ("differential", 3.0)])
+def test_a_strict_robot_with_weak_brakes_goes_round_who_stands(drive: str, at: float) -> None:
+    """It used to creep ever slower towards somebody, until nothing but to stand was certain, though there was room beside."""
+    robot = RobotSpec(drive=drive, a_max=1.0, brake_max=0.3, alpha_max=3.0, v_reverse=0.0 if drive == "holonomic" else 0.3)
+    stands, hall = Obstacle(0.25, Line((5.0, at), (5.0, at + 0.001), speed=0.0)), Grid(np.zeros((32, 40), dtype=bool), 0.25)
+    result = run(room(stands, grid=hall, robot=robot, horizon=60.0), make_policy("antway", mode="strict"))
+    check_episode(result)
+    assert result.reached
+
+
 @BOTH
 def test_tracks_inside_walls_and_off_the_map_are_borne(make) -> None:
     """A track in a wall or outside the map is predicted like any other, and the robot arrives."""

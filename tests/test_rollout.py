@@ -76,7 +76,7 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
     for trial in range(20):
         wall_range, swerve = 0.4 * (trial % 2), 2.2 if trial % 3 else 0.1
         weights = colony.problem.weights._replace(turn_risk=4.0, wall_range=wall_range, follow=5.0 * (trial % 4), swerve=swerve)
-        colony.problem = colony.problem._replace(weights=weights._replace(turn_change=1.5))
+        colony.problem = colony.problem._replace(weights=weights._replace(turn_change=1.5, least_speed=0.3 * (trial % 3)))
         speeds = rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)) if robot.wheels else rng.uniform(-0.7, 0.7, (6, 2))
         controls = np.repeat(speeds, 5, axis=0)[:steps]
         colony.problem.outlook.near[:] = 2 * (trial % 2)

@@ -78,7 +78,7 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
             else np.array([a, b]) / max(speed, 1e-9)
         )
         stands = np.array([x, y]) + course * speed**2 / (2.0 * limits.brake_max)
-        late = w.stopping_time + speed / limits.brake_max
+        late = w.stopping_time + max(speed, w.least_speed) / limits.brake_max
         follows = k == 0 and speed > 1e-3
         cost += w.follow * _depth_behind(now, course, speed, problem) if follows else 0.0
         for disc in outlook.disc[k, : outlook.near[k]].tolist():

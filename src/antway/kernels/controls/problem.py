@@ -79,6 +79,7 @@ class CostWeights(NamedTuple):
     stop: float  # s/m; at each step, for the depth to which an obstacle could enter the robot's stop from there
     follow: float  # s/m; at the first step, for the depth of the robot's stop in the stop of an obstacle ahead of it
     stopping_time: float  # s; delay before a stop begins
+    least_speed: float  # m/s; a robot that creeps is taken to need as long for its stop as at this speed
     stand: float  # s; gained by a robot that stands after the first period, so that it does not move for less
     turn_change: float  # s^2/rad; for each rad/s by which the turn rate changes, until it is 0 in the end; 0 without wheels
     swerve: float  # m/s^2; bound on the change of obstacles' velocities, but where walls change them

@@ -40,7 +40,7 @@ def obstacle_cost(before: MotionState, at: MotionState, k: int, decay: float, pr
     stop_x, stop_y, stop_after, cost = at.x, at.y, 0.0, 0.0
     if guarded:
         stop_x, stop_y = _standing_place(at, speed, 0.0, limits)
-        stop_after = w.stopping_time + speed / limits.brake_max
+        stop_after = w.stopping_time + max(speed, w.least_speed) / limits.brake_max
     if k == 0 and w.follow > 0.0 and speed > 1e-3:
         cost += w.follow * _depth_behind(at, speed, problem)
     for i in range(outlook.near[k]):

@@ -40,6 +40,8 @@ _DEEPER = 1e-3  # m; a robot whose place is in a wall gets no deeper in it than 
 _AT_REST = 0.2  # m/s; an obstacle that is slower is at rest, and turns are expected of those that move
 _REGAINED = 2.0  # 1; for each second that the robot gets nearer to its goal, so many of the seconds without it are forgotten.
 _BACK = 3.0  # s; a robot that is farther from its goal by this than it was goes round something, or was carried or pushed back
+_WEAK = 1.5  # s; a robot has weak brakes if it takes longer than this to stop from its top speed
+_CREEP = 0.2  # 1; with those, a robot before a strict guard keeps room for stops from this share of its top speed at least
 _STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
@@ -185,8 +187,9 @@ class ControlColony:
     def _weights_now(self, now: float, state: RobotState, turn_rate: float, has_plan: bool) -> CostWeights:
         """Return the weights of costs where obstacles turn so often, 1/s, with or without a plan.
 
-        The weight of risks is lower if the robot has not got nearer to the goal for long. Otherwise it might wait forever
-        beside an obstacle that stands and whose velocity is not known well.
+        The weight of risks and the least speed of stops are lower if the robot has not got nearer to the goal for long.
+        Otherwise it might wait forever beside an obstacle that stands and whose velocity is not known well, or that leaves
+        little room.
         """
         field, weights = self.problem.field, self.problem.weights
         to_go, there = static_time(field, state), math.dist(self.task.goal, state[:2]) <= self.task.goal_tolerance
@@ -196,7 +199,8 @@ class ControlColony:
             self.since = now if there else min(now, self.since + _REGAINED * (self.nearest - to_go))
             self.nearest = to_go
         caution = 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0)
-        weights = weights._replace(risk=weights.risk * caution, turn_risk=turn_rate * weights.turn_risk, ramps=float(has_plan))
+        risk, turn_risk, least = weights.risk * caution, turn_rate * weights.turn_risk, weights.least_speed * caution
+        weights = weights._replace(risk=risk, turn_risk=turn_risk, least_speed=least, ramps=float(has_plan))
         depth = call(depth_in_wall, field, state)
         return weights if depth == 0.0 else weights._replace(wall_margin=-depth - _DEEPER)
 
@@ -247,6 +251,7 @@ def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, task: Task, s
         stop=o.stop if strict else 0.0,
         follow=0.0 if strict else o.follow,
         stopping_time=robot.latency + robot.dt,
+        least_speed=_CREEP * robot.v_max if strict and robot.v_max > _WEAK * robot.braking else 0.0,
         stand=_STAND * o.off_plan * robot.v_max * robot.dt,
         turn_change=o.comfort / robot.turn_rate if robot.wheels else 0.0,
         swerve=assumed_swerve(task, "strict" if strict else "least-harm"),
