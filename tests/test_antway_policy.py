@@ -418,6 +418,19 @@ def test_a_robot_in_contact_stands_and_says_why(make) -> None:
         assert observed(one_track(xy=np.array([[5.0 + dx, 2.5 + dy]])), make=make) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("name", ["holonomic", "inertia", "diff"])
+def test_a_strict_robot_that_may_not_move_says_so(name: str) -> None:
+    """Beside somebody who could step into any stop it stands; it used to speak of a free path, or of what moves."""
+    policy = AntwayPolicy(mode="strict")
+    policy.reset(Task(ROOM, load_robot(name), (2.0, 2.5), (8.0, 2.5)), 0)
+    for k in range(2):
+        seen = Observation(0.1 * k, (2.0, 2.5), (0.0, 0.0), 0.0, Tracks([7], [[2.0, 3.15]], [[0.0, 0.0]], [0.25]))
+        command = policy.act(seen)
+    said = policy.explain()
+    assert (command.twist or command.velocity) == (0.0, 0.0) and said.action in ("wait", "brake")
+    assert "no motion is known that is certain to be safe" in said.reason
+
+
 @pytest.mark.parametrize(("drive", "at"), [("differential", 2.5), ("holonomic", 2.5), ("differential", 3.0)])
 def test_a_strict_robot_with_weak_brakes_goes_round_who_stands(drive: str, at: float) -> None:
     """It used to creep ever slower towards somebody, until nothing but to stand was certain, though there was room beside."""

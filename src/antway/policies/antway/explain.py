@@ -91,6 +91,9 @@ def explain(s: State, now: Snapshot, cost: float, bound: float, pheromone: Phero
         whom = f"obstacle {track_id}" if track_id >= 0 else "an obstacle"
         reason = f"{kind} with {whom}, {met}: {does}, {f'+{late:.1f} s' if late < math.inf else 'no path found'}"
         alternatives = Weighed(now, k, kind, velocity, (does, late), how)
+    elif stands and late < math.inf and _needs_certainty(s, now):
+        reason = "the plan is free, but no motion is known that is certain to be safe"
+        action = "wait" if action == "follow" else action
     elif late > _LATE:
         reason = "a detour around what moves" if late < math.inf else "no motion that gets nearer to the goal is known"
         action = "wait" if stands and action == "follow" else action
@@ -114,6 +117,12 @@ def explain(s: State, now: Snapshot, cost: float, bound: float, pheromone: Phero
         pheromone=pheromone,
         predicted=_predicted(now),
     )
+
+
+def _needs_certainty(s: State, now: Snapshot) -> bool:
+    """Tell whether the guard, or ants that know what it asks, has found no motion for a robot that is not at its goal."""
+    asks = s.did[0] == "braked" or (len(now.estimates) > 0 and s.controls is not None and s.controls.strict)
+    return asks and math.dist(now.xy, s.task.goal) > s.task.goal_tolerance
 
 
 def _predicted(now: Snapshot) -> NDArray[np.float32] | None:
