@@ -256,6 +256,29 @@ def test_several_robots_are_as_little_late_by_time_as_by_cycles() -> None:
         assert answer.lateness == pytest.approx(least, rel=1e-6)
 
 
+@pytest.mark.parametrize("timed", [False, True])
+def test_several_robots_find_routes_where_few_arcs_exist(timed: bool) -> None:
+    """Of random arcs few are there, and those of routes that visit each stop; no stop fits between two others at first."""
+    rng, found, count = np.random.default_rng(11), 0, cases(24, 300)
+    for case in range(count):
+        n, robots, end = 14, 2 + case % 3, (None, 0, 13)[case // 3 % 3]
+        xy = rng.random((n, 2)) * 100
+        full = np.hypot(*(xy[:, None] - xy[None]).T)
+        matrix, windows = np.where(rng.random((n, n)) < 0.1, full, math.inf), np.tile([0.0, math.inf], (n, 1))
+        inner = [stop for stop in range(1, n) if stop != end]
+        for part in np.split(rng.permutation(inner), np.sort(rng.integers(0, len(inner) + 1, robots - 1))):
+            route, now = [0, *part.tolist(), *([] if end is None else [end])], 0.0
+            for here, there in itertools.pairwise(route):
+                matrix[here, there] = full[here, there]
+                now += full[here, there]
+                if timed and there != end:
+                    windows[there] = max(0.0, now - rng.random() * 100.0), now + rng.random() * 100.0
+        answer = order_stops(matrix, end="start" if end == 0 else end, windows=windows, robots=robots, cycles=30, seed=case)
+        sound(answer, matrix, 0, end, robots, True)
+        found += answer.feasible
+    assert found >= 0.7 * count
+
+
 @pytest.mark.parametrize("initial", [None, [0, 3, 1, 2]])
 def test_a_stop_of_priority_zero_is_left_out(initial: list[int] | None) -> None:
     """It would cost a way and collect nothing; only where the way through it is shorter it is a part of the tour."""
@@ -389,7 +412,9 @@ def test_times_of_routes_stay_right() -> None:
     near = np.array([[j for j in np.argsort(spans[i]) if j not in (0, i, n - 1)][: n - 3] for i in range(n)], dtype=np.int32)
     opens = np.where(rng.random(n) < 0.3, 8.0, 0.0)
     opens[0] = 0.0
-    fleet = kernel.Fleet(spans, opens, np.full(n, 60.0), np.full(n, 99.0), np.ones(n), near, 1.0, 1e-4)
+    fleet = kernel.Fleet(
+        spans, spans, opens, np.full(n, 60.0), np.full(n, 99.0), np.full(n, np.inf), np.ones(n), near, 1.0, 1e-4
+    )
     now, saved, best = (kernel.routes(n, k) for _ in range(3))
     cost, worth = kernel.start(fleet, saved, np.uint64(1))
     kernel.copy(saved, best)

@@ -107,16 +107,19 @@ def best_routes(
 
 def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floats) -> tuple[kernel.Fleet, float]:
     """Return the record for kernels, and a typical step in s."""
-    n = len(rows)
-    horizon = float(opens.max() + np.where(np.isfinite(spans), spans, 0.0).max(axis=1).sum()) + 1.0
+    n, known = len(rows), np.isfinite(spans)
+    times = np.where(known, spans, 0.0)
+    horizon = float(opens.max() + times.max(axis=1).sum()) + 1.0
     closes = np.minimum(closes, horizon) + 8 * n * np.spacing(horizon)  # more than the rounding errors of sums
     inner = np.minimum(spans[1:-1, 1:-1], spans[1:-1, 1:-1].T)
     np.fill_diagonal(inner, np.inf)
     near = np.pad(1 + np.argsort(inner, axis=1, kind="stable")[:, : n - 3].astype(np.int32), ((1, 1), (0, 0)))
     step = typical_step(np.sort(inner, axis=1)[:, :3], spans)
-    worth, price = np.zeros(n), np.zeros(n)
+    worth, price, most = np.zeros(n), np.zeros(n), np.full(n, math.inf)
     last = 1.0 if stops.objective == "makespan" else 0.0
     total = _TIE if last else 0.1 if stops.priorities is not None else 1.0
+    # So that many stops can find their places, a search goes over steps without a path, but at a cost that no other saves.
+    costs = times if known.all() else np.where(known, spans, horizon / total)
     if stops.priorities is None:
         worth[1:-1], price[1:-1] = 1.0, horizon
     else:
@@ -125,7 +128,9 @@ def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floa
         if not last:
             # Times include service. Leaving out a stop costs as much, so that only the travel time decides.
             price[1:-1] += total * stops.service[rows[1:-1]]
-    return kernel.Fleet(spans, opens, closes, price, worth, near, last, total), step
+        # A stop that is worth nothing is visited only where that saves time, and no other is worth a step without a path.
+        most = np.where(worth > 0.0, 0.5 * horizon / total, price / total - 1e-9)
+    return kernel.Fleet(times, costs, opens, closes, price, most, worth, near, last, total), step
 
 
 def _fill(routes: kernel.FleetRoutes, rows: Order, orders: list[Order]) -> None:

@@ -100,7 +100,7 @@ def order_stops(
     priorities : array_like[n] or None
         Value of each stop, >= 0: the sum collected by `deadline` is maximised, then the cost is minimised; stops of value 0
         are left out, unless the route through them takes less time. `matrix` should hold shortest times then: a stop that is
-        reached in time only through one of value 0 may be left out. None: every stop must be visited.
+        reached in time only through others may be left out. None: every stop must be visited.
     deadline : float
         Latest end time of each robot, in s.
     robots : int

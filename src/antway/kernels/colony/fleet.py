@@ -1,8 +1,8 @@
 """Several routes, possibly through only some of the stops: strings of neighbouring stops are removed and reinserted.
 
 Slack induction by string removals (SISR: Christiaens, Vanden Berghe, Transportation Science 54, 2020) under simulated
-annealing. Stops that fit nowhere stay out and cost a price. Each iteration ruins and recreates the routes, and keeps the result
-or returns to the routes before.
+annealing. Stops that fit nowhere stay out and cost a price, and so does a step where there is no path. Each iteration ruins and
+recreates the routes, and keeps the result or returns to the routes before.
 """
 
 from __future__ import annotations
@@ -34,10 +34,12 @@ BEST_COST = 2  # objective of the best routes
 class Fleet(NamedTuple):
     """n stops; all routes start at stop 0 and end at stop n - 1."""
 
-    time: Floats  # [n, n] time of service and travel, infinite where there is no path
+    time: Floats  # [n, n] time of service and travel, 0 where there is no path
+    cost: Floats  # [n, n] the same, but where there is no path more than a detour through all stops
     opens: Floats  # [n] earliest start of service
     closes: Floats  # [n] latest start of service
     price: Floats  # [n] cost in the objective of not visiting a stop
+    most: Floats  # [n] a stop is left out where its detour costs as much or more
     worth: Floats  # [n] priority of a stop; a larger sum is better, before the objective is compared
     near: Ids  # [n, m] the other inner stops, nearest first
     last_weight: float  # weight of the latest end of a route in the objective
@@ -82,13 +84,18 @@ def objective(fleet: Fleet, r: FleetRoutes) -> tuple[float, float]:
     """Return the prices of the stops left out plus the weighted times, and the sum of the priorities of the others.
 
     The objective of late routes is infinite. Where a stop saves time because it is on the way, a route may be late without it.
+    Routes with steps where there is no path are worth less than nothing, by the number of these steps.
     """
-    cost, worth, last = 0.0, 0.0, 0.0
+    cost, worth, last, gaps = 0.0, 0.0, 0.0, 0
     for k in range(len(r.sizes)):
         cost += fleet.sum_weight * r.travel[k]
         for p in range(r.sizes[k]):
             if r.ready[k, p] > fleet.closes[r.stops[k, p]] + NEAR * (1.0 + r.ends[k]):
                 cost = np.inf
+        for p in range(1, r.sizes[k]):
+            extra = fleet.cost[r.stops[k, p - 1], r.stops[k, p]] - fleet.time[r.stops[k, p - 1], r.stops[k, p]]
+            cost += fleet.sum_weight * extra
+            gaps += extra > 0.0
         last = max(last, r.ends[k])
     cost += fleet.last_weight * last
     for stop in range(1, len(r.route) - 1):
@@ -96,7 +103,7 @@ def objective(fleet: Fleet, r: FleetRoutes) -> tuple[float, float]:
             cost += fleet.price[stop]
         else:
             worth += fleet.worth[stop]
-    return cost, worth
+    return cost, -float(gaps) if gaps else worth
 
 
 @bare_kernel
@@ -115,9 +122,9 @@ def insert(fleet: Fleet, r: FleetRoutes, stop: int, state: rng.State) -> bool:
             then = here + fleet.time[stop, after]
             if here > fleet.closes[stop] or then > r.latest[k, p]:
                 continue
-            detour = fleet.time[before, stop] + fleet.time[stop, after] - fleet.time[before, after]
-            if fleet.worth[stop] == 0.0 and detour >= fleet.price[stop] / fleet.sum_weight - 1e-9:
-                continue  # a stop that is worth nothing is visited only where that saves time
+            detour = fleet.cost[before, stop] + fleet.cost[stop, after] - fleet.cost[before, after]
+            if detour >= fleet.most[stop]:
+                continue
             cost = fleet.sum_weight * detour
             if fleet.last_weight > 0.0:
                 end = max(then + r.duration[k, p], r.earliest[k, p])
@@ -219,9 +226,9 @@ def recreate(fleet: Fleet, r: FleetRoutes, absent: Ids, keys: Floats, state: rng
             continue
         key = rng.uniform(state)
         if kind == 0:
-            key = fleet.time[0, stop]
+            key = fleet.cost[0, stop]
         elif kind == 1:
-            key = -fleet.time[0, stop]
+            key = -fleet.cost[0, stop]
         elif kind == 2:
             key = fleet.closes[stop]
         elif kind == 3:
@@ -303,8 +310,8 @@ def shorten(fleet: Fleet, r: FleetRoutes, k: int) -> None:
             return
         best, place = -1.0, min(late, size - 2)
         for p in range(1, min(late, size - 2) + 1):
-            saved = fleet.time[stops[p - 1], stops[p]] + fleet.time[stops[p], stops[p + 1]]
-            saved = max(0.0, saved - fleet.time[stops[p - 1], stops[p + 1]]) / (fleet.price[stops[p]] + 1e-9)
+            saved = fleet.cost[stops[p - 1], stops[p]] + fleet.cost[stops[p], stops[p + 1]]
+            saved = max(0.0, saved - fleet.cost[stops[p - 1], stops[p + 1]]) / (fleet.price[stops[p]] + 1e-9)
             if saved > best:
                 best, place = saved, p
         r.route[stops[place]] = OUT
