@@ -345,6 +345,28 @@ def test_check_refuses_broken_orders() -> None:
     assert solve_tsptw(tenths, cycles=5).order.tolist() == [0, 1, 2]
 
 
+@pytest.mark.parametrize("makespan", [False, True])
+def test_check_says_what_driving_says(makespan: bool) -> None:
+    """Of any order, whether it is in time and what it costs, waiting included, but for 1e-11 and 1e-9 of the sums."""
+    rng, told = np.random.default_rng(13), set()
+    for _ in range(cases(200, 2_000)):
+        n, scale = int(rng.integers(1, 5)), float(rng.choice([1.0, 1e6]))
+        matrix = rng.integers(1, 9, (n, n)) * scale
+        begin = rng.integers(0, 20, n) * scale
+        windows = np.c_[begin, np.where(rng.random(n) < 0.2, math.inf, begin + rng.integers(0, 40, n) * scale)]
+        order = [0, *(1 + rng.permutation(n - 1)).tolist()]
+        travelled, end, late = naive.drive(matrix.tolist(), windows.tolist(), [*order, 0] if n > 1 else [0])
+        cost = end if makespan else travelled
+        windows[:, 1] = np.maximum(windows[:, 1] - rng.choice([0.0, 9e-12]) * scale, begin)  # rounding explains that
+        for off, feasible in (0.0, True), (0.0, False), (0.9e-9 * cost, True), (3e-9 * (1 + cost), True):
+            right = off < 1e-9 * (1 + cost) and not (feasible and late > 0.0)
+            told.add((right, late > 0.0, feasible))
+            with contextlib.nullcontext() if right else pytest.raises(InvalidPlan):
+                objective = "makespan" if makespan else "travel time"
+                check_tsptw(Tsptw(matrix, windows), order, cost + off, objective=objective, feasible=feasible)
+    assert len(told) == 5
+
+
 def test_windows_that_end_at_the_arrival_are_kept() -> None:
     """Also with numbers that are not decimal; what is late by no more than sums of floats are rounded is in time."""
     third, late = 1 / 3, 2 / 3 - 1e-10

@@ -192,7 +192,7 @@ BROKEN: dict[str, Callable[[TourPlan], TourPlan]] = {
     r"is visited twice": twice,
     r"leg 0 to stop . \(.\): ends at": exchanged,
     r"stop . \(.\) is not visited": lambda t: spoil(t, order=t.order[:-1], arrival=t.arrival[:-1], waiting=t.waiting[:-1]),
-    r"visits stop 99, and there are 5": lambda t: spoil(t, order=np.r_[t.order[:-1], 99].astype(np.int32)),
+    r"visits stop 5, and there are 5": lambda t: spoil(t, order=np.r_[t.order[:-1], 5].astype(np.int32)),
     r"waiting has the shape \(4,\) in place of \(5,\)": lambda t: spoil(t, waiting=t.waiting[:-1]),
     r"robot 0: arrival is no array of numbers": lambda t: spoil(t, arrival=t.arrival.astype(str)),
     r"leg 0 .* is blocked or off the map.*leg 2 to .* length None": lambda t: replace(
@@ -247,6 +247,15 @@ def test_check_tour_names_what_is_wrong() -> None:
     for what, wrong in BROKEN.items():
         with pytest.raises(InvalidPlan, match=what):
             check_tour(wrong(tour))
+
+
+def test_a_late_tour_may_cost_less_than_the_bound() -> None:
+    """No tour in time costs less; of one that is late and says so, cost and bound say nothing."""
+    tour = some_tour()
+    wrong = {"lateness": tour.duration / 2, "feasible": False, "bound": 2 * tour.cost, "gap": 0.0}
+    check_tour(late(tour, **wrong))
+    with pytest.raises(InvalidPlan, match=r"gap of -0\.5; it is 0\.0"):
+        check_tour(late(tour, **{**wrong, "gap": -0.5}))
 
 
 def test_a_tour_that_leaves_stops_out_is_feasible() -> None:

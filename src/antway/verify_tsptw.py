@@ -57,7 +57,7 @@ def check_tsptw(
         raise InvalidPlan([f"visits {stops[:20]}, not each of the nodes 0 to {n - 1} once and 0 first"])
     faults = []
     travelled, now = Fraction(0), Fraction(repr(float(instance.windows[0][0])))
-    for here, there in pairwise([*stops, 0]) if n > 1 else []:
+    for here, there in pairwise([*stops, 0]):
         step = Fraction(repr(float(instance.matrix[here][there])))
         earliest, latest = (float(end) for end in instance.windows[there])
         travelled += step
