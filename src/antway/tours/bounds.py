@@ -16,7 +16,7 @@ def quick_bound(stops: Stops) -> float:
     steps = stops.matrix.copy()
     np.fill_diagonal(steps, np.inf)
     entered = steps.min(axis=0)
-    entered[stops.start] = entered[stops.start] if stops.closed and len(steps) > 1 else 0.0
+    entered[stops.start] = entered[stops.start] if stops.closed else 0.0
     travel = float(entered.sum()) * SAFE if np.isfinite(entered).all() else 0.0
     return travel if stops.objective == "travel time" else travel / stops.robots
 
@@ -28,7 +28,7 @@ def lower_bound(stops: Stops) -> float:
         return travel
     far = shortest(stops.matrix)
     inner = stops.inner
-    # Some robot goes to each stop and then to the end; and the total work is divided among the robots.
+    # Some robot goes to each stop and then to the end; and the work is divided among the robots, but for that at the ends.
     leaves = float(stops.windows[stops.start, 0])
     each = (
         np.maximum(leaves + stops.service[stops.start] + far[stops.start, inner], stops.windows[inner, 0])
@@ -38,19 +38,19 @@ def lower_bound(stops: Stops) -> float:
         home = 0.0 if stops.closed else float(stops.service[stops.end])
         each = each + far[inner, stops.end] + home
     shared = leaves + (travel + float(stops.service[inner].sum())) / stops.robots
-    own = float(stops.service[stops.ends].sum()) if stops.robots == 1 else 0.0
-    return max(float(each.max(initial=0.0)) * SAFE, shared + own * SAFE)
+    return max(float(each.max(initial=0.0)) * SAFE, shared + float(stops.service[stops.ends].sum()) * SAFE)
 
 
 def travel_bound(stops: Stops) -> float:
     """Return a lower bound of the travel time of all robots together."""
-    n = len(stops.matrix)
-    if n < 2 or not np.isfinite(stops.matrix).all():
+    n, matrix = len(stops.matrix), stops.matrix
+    if stops.robots > 1 or not np.isfinite(matrix).all():
+        matrix = shortest(matrix)
+    if n < 2 or not np.isfinite(matrix).all():
         return 0.0
     if n == 2:
-        there, back = stops.matrix[stops.start, 1 - stops.start], stops.matrix[1 - stops.start, stops.start]
+        there, back = matrix[stops.start, 1 - stops.start], matrix[1 - stops.start, stops.start]
         return float(there + (back if stops.closed else 0.0)) * SAFE
-    matrix = stops.matrix if stops.robots == 1 else shortest(stops.matrix)
     if stops.robots > 1 and not stops.closed:
         # Routes with a common start form a tree; a given end is ignored.
         return _tree(np.minimum(matrix, matrix.T)) * SAFE
