@@ -181,6 +181,12 @@ def test_what_never_binds_is_none() -> None:
         assert answer.feasible and answer.arrival[0][-1] + answer.waiting[0][-1] >= 500.0
 
 
+def test_what_binds_by_service_alone_binds() -> None:
+    """Three stops are driven to in 2 s; with 5 s at each one the last two are late, as is the end."""
+    for late, more in (2.0 + 8.0, {"windows": [(0, 4.0)] * 3}), (2.0, {"deadline": 15.0}):
+        assert order_stops(np.ones((3, 3)), service=5.0, cycles=2, **more).lateness == pytest.approx(late)
+
+
 @pytest.mark.parametrize("end", [None, "start"])
 @pytest.mark.parametrize("objective", ["travel time", "makespan"])
 def test_routes_that_cost_no_more_than_the_bound_end_the_search(end: str | None, objective: str) -> None:
