@@ -61,6 +61,19 @@ def test_distances_are_those_of_dijkstra(moves: Moves, costly: bool) -> None:
             np.testing.assert_allclose(found[i], distance_field(grid, cell, moves, costs=costs)[rows, cols], rtol=1e-12)
 
 
+@pytest.mark.parametrize("cores", [1, 3, 16])
+def test_distances_among_many_stops_are_the_same_on_several_cores(monkeypatch, cores: int) -> None:
+    """Threads take turns at the stops; each row must come back to its own stop."""
+    monkeypatch.setattr("os.cpu_count", lambda: cores)
+    rng = np.random.default_rng(6)
+    grid = Grid(rng.random((30, 40)) < 0.25)
+    free = np.argwhere(~grid.blocked)
+    cells = [tuple(map(int, cell)) for cell in free[rng.choice(len(free), 70, replace=False)]]
+    found, (rows, cols) = stop_distances(grid, cells), np.array(cells).T
+    for i, cell in enumerate(cells):
+        np.testing.assert_allclose(found[i], distance_field(grid, cell)[rows, cols], rtol=1e-12)
+
+
 @needs_data
 def test_distances_on_a_large_map() -> None:
     grid = antway.load_map(SHARED / "movingai" / "Berlin_0_1024.map")
