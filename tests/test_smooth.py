@@ -31,7 +31,7 @@ from antway import (
 from antway.cli import app
 from antway.kernels.trajectory import smooth as kernels
 from antway.trajectory.motion import Motion
-from antway.trajectory.profile import stop_at_corners
+from antway.trajectory.profile import stop_at_corners, straight_legs
 from antway.world.robots import load_robot
 from antway.world.rollouts import finite_limits
 from common import cases, random_grid
@@ -247,6 +247,16 @@ def broken(motion: Motion) -> dict[str, Motion]:
         "shape": changed(heading=fields["heading"][:-1]),
         "no array of numbers": changed(heading=np.full(len(motion.t), "east")),
     }
+
+
+def test_straight_legs_leave_out_vertices_but_cut_no_wall() -> None:
+    """Around a wall by the vertices that are needed; none where a disc is too wide for a leg between neighbours."""
+    grid = Grid(np.array([[0, 0, 0, 0], [0, 1, 1, 0], [0, 0, 0, 0]], dtype=bool), resolution=0.5)
+    path = np.array([(0.25, 0.25), (0.2, 0.75), (0.25, 1.25), (0.75, 1.3), (1.75, 1.25)])
+    legs = straight_legs(path, grid, RobotSpec(radius=0.1))
+    assert legs is not None and legs.tolist() == path[[0, 2, 4]].tolist()
+    assert straight_legs(path[[0, 4]], grid, RobotSpec(radius=0.1)) is None
+    assert straight_legs(path, grid, RobotSpec(radius=0.3)) is None
 
 
 def test_the_check_rejects_every_broken_motion() -> None:
