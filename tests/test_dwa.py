@@ -218,6 +218,21 @@ def test_it_goes_round_a_dead_end() -> None:
     assert result.reached
 
 
+def test_wheels_do_not_stop_short_of_a_corner() -> None:
+    """Where that hides all but centimetres of the path, the target is farther on: else none is nearer it than who stands."""
+    blocked = np.zeros((40, 60), dtype=bool)
+    blocked[10:30, 28:32] = True
+    scenario = Scenario(World(Grid(blocked, 0.2)), (1.1, 4.1), (10.9, 4.1), WHEELS, horizon=20.0)
+    result = run(scenario, "dwa")
+    check_episode(result)
+    assert result.reached and result.time < 15.0
+    policy = make_policy("dwa", aim=0.5)
+    policy.reset(scenario.task, 1)
+    o = Observation(0.0, (5.461, 6.283), (0.0, 0.0), 0.43, Tracks.none())
+    assert policy.target(o, 2.0) == pytest.approx((5.5, 6.3))
+    assert policy.target(o, 2.0, 0.3) == pytest.approx((5.9, 6.3)), "the first node that is not nearer"
+
+
 def test_wrong_options_are_refused() -> None:
     """Typed errors name the option."""
     for wrong in (

@@ -102,7 +102,8 @@ class Dwa(Avoider):
     def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot = observation, self.task.robot
-        target = self.target(o, self.look_ahead)
+        # Wheels that have passed the target when its angle is measured would rather stop short of it for good.
+        target = self.target(o, self.look_ahead, self.aim * robot.v_max if self.rolls else 0.0)
         if target is None:
             return STOP
         if self.rolls:

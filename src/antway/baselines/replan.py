@@ -69,10 +69,11 @@ class Follow:
         paths = [each.search(start, t, segments).path for each in self.searches]
         return min(paths, key=lambda path: arrival_time(path, self.task))
 
-    def target(self, o: Observation, within: float) -> XY | None:
+    def target(self, o: Observation, within: float, beyond: float = 0.0) -> XY | None:
         """Return the farthest visible node of the path, at most `within` m along it, or the goal if that is visible.
 
-        If there is no path, the decision says so, and there is no target.
+        If it is nearer than `beyond` m, the first node that is not takes its place. If there is no path, the decision says so,
+        and there is no target.
         """
         path, task = self.path(o), self.task
         if not len(path.t):
@@ -83,7 +84,8 @@ class Follow:
         until = o.t + within / task.robot.v_max
         nodes = [(float(x), float(y)) for t, (x, y) in zip(path.t, path.xy) if o.t + 1e-9 < t <= until]
         nodes = nodes or [path.at(until)]
-        return next((node for node in reversed(nodes) if clear(task, o.xy, node)), nodes[0])
+        seen = next((i for i in reversed(range(len(nodes))) if clear(task, o.xy, nodes[i])), 0)
+        return next((node for node in nodes[seen:] if math.dist(o.xy, node) >= beyond), nodes[-1])
 
     def explain(self) -> Decision:
         """Return the present decision."""
