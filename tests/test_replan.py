@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from antway import Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, make_policy, run
 from antway.arena.suites import Chance, SuiteEpisode, build, episodes, facts, seed_of, stage
 from antway.errors import BadParameter
+from antway.tables import NEED_PYRVO, POLICIES
 from antway.world.motions import Bounce, Line
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
@@ -53,6 +55,36 @@ def test_commands_are_the_same_by_every_clock(name):
         commands.append(policy.act(Observation(clock, (1.1, 4.1), (0.0, 0.0), 0.0, seen)).velocity)
     assert math.hypot(*commands[0]) > 0.5
     assert np.allclose(commands, commands[0], atol=2e-3)
+
+
+@pytest.mark.parametrize("name", sorted(set(POLICIES) - {"antway", "paper", "oracle"}))
+def test_commands_are_those_for_when_they_act(name):
+    """A robot with latency does what one without does where it will be by then, among obstacles that go on until then."""
+    if name in NEED_PYRVO:
+        pytest.importorskip("pyrvo")
+    prompt = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
+    late, pending = replace(prompt, latency=0.3), np.full((3, 2), (0.8, 0.6))
+    velocity = np.array([[-0.4, 0.1], [0.3, -0.2]])
+    tracks = Tracks([1, 2], [[4.5, 4.3], [3.2, 5.6]], velocity, [0.3, 0.4])
+    now = Observation(2.0, (2.1, 4.1), (0.9, 0.0), 0.0, tracks, stamp=1.8, pending=pending)
+    x, y, heading, v, turn_rate = now.state_at_action(late)
+    there = replace(tracks, xy=tracks.xy + 0.5 * velocity)
+    then = Observation(2.3, (x, y), (v * math.cos(heading), v * math.sin(heading)), heading, there, turn_rate=turn_rate)
+    commands = []
+    for robot, seen in ((late, now), (prompt, then)):
+        policy = make_policy(name)
+        policy.reset(Task(Grid(np.zeros((40, 60), np.bool_), 0.2), robot, (1.1, 4.1), (10.9, 4.1)), 1)
+        commands.append(policy.act(seen).acts(seen, robot))
+    assert commands[0] == pytest.approx(commands[1], abs=1e-6)
+
+
+def test_late_wheels_keep_off_walls():
+    """They track the velocities of `nh-orca` round two corners; while it took the present place, they hit a wall."""
+    pytest.importorskip("pyrvo")
+    walls = np.zeros((40, 60), np.bool_)
+    walls[10:30, 28:32] = True
+    robot = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3, latency=0.3)
+    assert run(replace(room(walls=walls), robot=robot), "nh-orca").reached
 
 
 def test_replan_says_that_it_waits():

@@ -14,7 +14,6 @@ from antway.kernels.base.records import RobotState
 from antway.kernels.baselines.dwa import Obstacles, roll_out, roll_out_twists
 from antway.world.nearby import contact_radii, now
 from antway.world.policy import XY, Command, Observation, Task, commanded
-from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
 
@@ -107,11 +106,11 @@ class Dwa(Avoider):
         if target is None:
             return STOP
         if self.rolls:
-            late, seen, state = acting(o, robot)
+            state = o.state_at_action(robot)
             commands = self._window(state)
-            ends = self._rolled(o, late, state, commands)
+            ends = self._rolled(o, state, commands)
         else:
-            seen, commands = o, self._candidates(o, target)
+            commands = self._candidates(o, target)
             ends = self._ends(o, commands)
         free = np.minimum(ends[:, 0], self.horizon)
         admissible = free > robot.dt + np.abs(ends[:, 2]) / (2 * robot.braking)
@@ -125,7 +124,7 @@ class Dwa(Avoider):
             if self.rolls and not clear.any():
                 commands[best] = 0.0, self.turning  # the stop that was found clear of walls with the last command
         else:
-            best = int(np.argmax(np.where(admissible, self._value(seen, target, ends, free), -math.inf)))
+            best = int(np.argmax(np.where(admissible, self._value(o, target, ends, free), -math.inf)))
             self.decide("follow", "the best velocity in the window")
         one, two = commands[best].tolist()
         return commanded(one, two, o.heading, robot) if self.rolls else Command((one, two))
@@ -150,24 +149,22 @@ class Dwa(Avoider):
         stop = min(max(0.0, low), high)
         return np.vstack((np.column_stack((np.full(self.turns, stop), turn)), grid))
 
-    def _rolled(self, o: Observation, late: float, state: RobotState, commands: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _rolled(self, o: Observation, state: RobotState, commands: NDArray[np.float64]) -> NDArray[np.float64]:
         ends, dt = np.empty((len(commands), 7)), self.task.robot.dt
         aim = max(math.ceil(self.aim / dt - 1e-9), 1)
-        steps, obstacles = max(self.periods, aim), self._obstacles(o, late, state)
+        steps, obstacles = max(self.periods, aim), self._obstacles(o)
         roll_out_twists(commands, state, self.limits, dt, steps, aim, self.terrain, obstacles, ends)
         return ends
 
     def _ends(self, o: Observation, commands: NDArray[np.float64]) -> NDArray[np.float64]:
         ends, state = np.empty((len(commands), 5)), RobotState(*o.xy, o.heading, *o.velocity)
-        obstacles = self._obstacles(o, 0.0, state)
+        obstacles = self._obstacles(o)
         roll_out(commands, state, self.limits, self.task.robot.dt, self.periods, self.terrain, obstacles, ends)
         return ends
 
-    def _obstacles(self, o: Observation, late: float, state: RobotState) -> Obstacles:
-        """Return the obstacles as they will be in `late` s, when the robot is in `state`."""
+    def _obstacles(self, o: Observation) -> Obstacles:
         xy, velocity = now(o)
-        xy = xy + late * velocity
-        return Obstacles(xy, velocity, contact_radii(o, xy, (state.x, state.y), self.task.robot, self.kept))
+        return Obstacles(xy, velocity, contact_radii(o, xy, o.xy, self.task.robot, self.kept))
 
     def _value(self, o: Observation, target: XY, ends: NDArray[np.float64], free: NDArray[np.float64]) -> NDArray[np.float64]:
         moved = ends[:, 3:5] - o.xy

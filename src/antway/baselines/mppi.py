@@ -16,7 +16,7 @@ from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import CostWeights
 from antway.world.nearby import now
 from antway.world.policy import Command, Observation, Task, commanded
-from antway.world.rollouts import acting, control_problem, make_batch
+from antway.world.rollouts import control_problem, make_batch
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -97,14 +97,14 @@ class Mppi(Avoider):
 
     def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
-        robot = self.task.robot
-        late, o, start = acting(observation, robot)
+        o, robot = observation, self.task.robot
+        start = o.state_at_action(robot)
         self.problem = self.problem._replace(start=start)
-        xy, velocity = now(observation)
+        xy, velocity = now(o)
         segments = np.zeros((len(xy), 8))
         segments[:, 0], segments[:, 1] = o.t, math.inf
-        segments[:, 2:4], segments[:, 4:6] = xy + late * velocity, velocity
-        segments[:, 6] = observation.tracks.radius + robot.radius
+        segments[:, 2:4], segments[:, 4:6] = xy, velocity
+        segments[:, 6] = o.tracks.radius + robot.radius
         sigma = np.zeros((len(xy), 2))
         outlook = self.problem.outlook
         call(look_ahead, segments, sigma, o.t, robot.dt, start, self.bounds, self.margins, 0.0, outlook)
@@ -114,4 +114,4 @@ class Mppi(Avoider):
         one, two = self.nominal[0].tolist()
         # Without wheels, vx and vy are limited apart, so both together can be too fast; rollouts and the robot slow them down.
         over = 1.0 if robot.wheels else max(math.hypot(one, two) / robot.v_max, 1.0)
-        return commanded(one / over, two / over, observation.heading, robot)
+        return commanded(one / over, two / over, o.heading, robot)

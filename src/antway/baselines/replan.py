@@ -25,6 +25,7 @@ from antway.search.sipp import Sipp as SpaceTime
 from antway.world.line_of_sight import clear, goal_of_cells, nearest_free
 from antway.world.nearby import STRAIGHT_IN, TAKEN, approach, contact_radii, keeping_velocity, now
 from antway.world.policy import XY, Command, Decision, Observation, Task
+from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
 STOP = Command((0.0, 0.0))
@@ -47,7 +48,8 @@ class Follow:
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
-        return drive(self.task, observation, self.path(observation))
+        o = acting(observation, self.task.robot)[0]
+        return drive(self.task, o, self.path(o))
 
     def path(self, o: Observation, segments: NDArray[np.float64] = NO_SEGMENTS) -> TimedPath:
         """Return the path that arrives first from the robot's place, empty if there is none.
@@ -112,13 +114,13 @@ class Avoider(Follow, ABC):
         seen, obstacle, command = approach(self.task, observation, self.kept)
         self.at_goal = None if command is not None else obstacle
         if command is None:
-            return self.steer(seen)
+            return self.steer(acting(seen, self.task.robot)[0])
         self.decide("avoid", STRAIGHT_IN, obstacle=obstacle)
         return command
 
     @abstractmethod
     def steer(self, observation: Observation) -> Command:
-        """Return the command of the method for the next control period."""
+        """Return the command of the method for the control period that begins when it acts, at which time all is observed."""
 
     def decide(self, action: str, reason: str, **more: Any) -> None:
         """Do as in `Follow`; the reason is that somebody stands at the goal if no place there can be reached."""

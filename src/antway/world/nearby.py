@@ -74,7 +74,7 @@ def approach(task: Task, observation: Observation, kept: float) -> Approach:
     nobody, robot = Approach(observation, None, None), task.robot
     if not len(observation.tracks):
         return nobody
-    o = acting(observation, robot)[1]
+    o = acting(observation, robot)[0]
     xy, body = now(o)[0], observation.tracks.radius + robot.radius
     speed = np.hypot(*o.tracks.velocity.T)  # who has no velocity need not stand
     if o.tracks.covariance is not None:

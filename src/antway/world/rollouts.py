@@ -48,18 +48,18 @@ def finite_limits(robot: RobotSpec) -> RobotLimits:
     )
 
 
-def acting(o: Observation, robot: RobotSpec) -> tuple[float, Observation, RobotState]:
-    """Return the time in s until a command given now acts, and what is observed then, with the scan of now, and the state."""
+def acting(o: Observation, robot: RobotSpec) -> tuple[Observation, RobotState]:
+    """Return what is observed when a command given now acts, with the scan of now and nothing pending, and the state then."""
     state = o.state_at_action(robot)
     if robot.latency == 0.0 or o.pending is None:
-        return 0.0, o, state
+        return o, state
     x, y, heading, one, two = state
     velocity, turn_rate = (one, two), o.turn_rate
     if robot.wheels:
         velocity, turn_rate = (one * math.cos(heading), one * math.sin(heading)), two
-    t, place = o.t + robot.latency, (x, y)
-    then = replace(o, t=t, stamp=o.sensed_at, xy=place, velocity=velocity, heading=heading, turn_rate=turn_rate)
-    return robot.latency, then, state
+    t, place, stamp = o.t + robot.latency, (x, y), o.sensed_at
+    then = replace(o, t=t, stamp=stamp, xy=place, velocity=velocity, heading=heading, turn_rate=turn_rate, pending=None)
+    return then, state
 
 
 def static_field(task: Task, time_to_goal: NDArray[np.float64]) -> StaticField:

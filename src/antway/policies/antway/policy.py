@@ -357,7 +357,7 @@ class AntwayPolicy:
         """Do as `_follow_plan`, but the ants in the space of controls find the command."""
         s = self._state
         assert s.controls is not None
-        _, acting_at, robot = acting(o, s.task.robot)
+        acting_at, robot = acting(o, s.task.robot)
         self._plan(acting_at)
         n, m, estimates = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), s.tracker.estimates
         if n == 0 and states.is_cut_off(s, o):

@@ -147,7 +147,7 @@ class PaperPolicy:
             self._take(np.array([self.here]), retreating=True)  # if they go away, the robot rejoins its path from there
             self._say(STRAIGHT_IN, obstacle, "avoid")
         else:
-            command = self._steer(acting(seen, self.spec)[1])
+            command = self._steer(acting(seen, self.spec)[0])
             if obstacle is not None:
                 self._say(TAKEN, obstacle, self.decision.action)
         if self.guard is not None:
