@@ -113,9 +113,9 @@ class Dwa(Avoider):
             commands = self._candidates(o, target)
             ends = self._ends(o, commands)
         free = np.minimum(ends[:, 0], self.horizon)
-        admissible = free > robot.dt + np.abs(ends[:, 2]) / (2 * robot.braking)
+        admissible = free > robot.dt + np.abs(ends[:, 1]) / (2 * robot.braking)
         if self.rolls:
-            clear = ends[:, 6] > 0.0
+            clear = ends[:, 5] > 0.0
             admissible &= clear
             free = np.where(clear, free, 0.0)
         if not admissible.any():
@@ -150,14 +150,14 @@ class Dwa(Avoider):
         return np.vstack((np.column_stack((np.full(self.turns, stop), turn)), grid))
 
     def _rolled(self, o: Observation, state: RobotState, commands: NDArray[np.float64]) -> NDArray[np.float64]:
-        ends, dt = np.empty((len(commands), 7)), self.task.robot.dt
+        ends, dt = np.empty((len(commands), 6)), self.task.robot.dt
         aim = max(math.ceil(self.aim / dt - 1e-9), 1)
         steps, obstacles = max(self.periods, aim), self._obstacles(o)
         roll_out_twists(commands, state, self.limits, dt, steps, aim, self.terrain, obstacles, ends)
         return ends
 
     def _ends(self, o: Observation, commands: NDArray[np.float64]) -> NDArray[np.float64]:
-        ends, state = np.empty((len(commands), 5)), RobotState(*o.xy, o.heading, *o.velocity)
+        ends, state = np.empty((len(commands), 4)), RobotState(*o.xy, o.heading, *o.velocity)
         obstacles = self._obstacles(o)
         roll_out(commands, state, self.limits, self.task.robot.dt, self.periods, self.terrain, obstacles, ends)
         return ends
@@ -167,12 +167,13 @@ class Dwa(Avoider):
         return Obstacles(xy, velocity, contact_radii(o, xy, o.xy, self.task.robot, self.kept))
 
     def _value(self, o: Observation, target: XY, ends: NDArray[np.float64], free: NDArray[np.float64]) -> NDArray[np.float64]:
-        moved = ends[:, 3:5] - o.xy
-        direction = np.where(ends[:, 2] > 0.0, np.arctan2(moved[:, 1], moved[:, 0]), o.heading)
+        speed, place = ends[:, 1], ends[:, 2:4]
         if self.rolls:
-            direction = ends[:, 5]
-        ahead = np.subtract(target, ends[:, 3:5])
+            direction = ends[:, 4]
+        else:
+            moved = place - o.xy
+            direction = np.where(speed > 0.0, np.arctan2(moved[:, 1], moved[:, 0]), o.heading)
+        ahead = np.subtract(target, place)
         off = np.abs((direction - np.arctan2(ahead[:, 1], ahead[:, 0]) + math.pi) % (2 * math.pi) - math.pi)
-        speed = ends[:, 2] / self.task.robot.v_max
         value: NDArray[np.float64] = self.heading * (1 - off / math.pi) + self.dist * free / self.horizon
-        return value + self.speed_weight * speed
+        return value + self.speed_weight * (speed / self.task.robot.v_max)

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from antway.kernels.base.arrays import Floats
-from antway.kernels.base.geometry import hits_walls, segment_hits_cells, swept_discs
+from antway.kernels.base.geometry import hits_walls, swept_discs
 from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import RobotLimits, RobotState, Terrain
 from antway.kernels.robot.dynamics import drive
@@ -37,40 +37,36 @@ def roll_out(
     """Drive each candidate velocity, m/s, for `steps` control periods of `dt` s, or to the first contact.
 
     The state has the velocity (vx, vy), and the robot moves as in `kernels.robot.dynamics.drive`. Written to `out`,
-    float64[C, 5], for each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched
-    (-1: a wall or none), speed at the end of the first period, and the robot's place after that period.
+    float64[C, 4], for each candidate: time of the first contact in s (infinite if none), speed at the end of the first period,
+    and the robot's place after that period.
     """
-    size = terrain.resolution
     for c in range(len(candidates)):
         x, y, heading, vx, vy = state
-        contact, obstacle = math.inf, -1
+        contact = math.inf
         for i in range(steps):
             vx, vy, heading = drive(vx, vy, heading, candidates[c, 0], candidates[c, 1], limits, dt)
             t = i * dt
-            contact, obstacle = _first_contact(x, y, vx, vy, t, dt, obstacles)
-            row, col = (y - terrain.y0) / size - 0.5, (x - terrain.x0) / size - 0.5
-            to_row, to_col = row + vy * dt / size, col + vx * dt / size
-            if contact > t and segment_hits_cells(terrain.blocked, row, col, to_row, to_col, limits.radius / size, True):
-                contact, obstacle = t, -1
+            contact = _first_contact(x, y, vx, vy, t, dt, obstacles)
+            if contact > t and hits_walls(terrain, x, y, x + vx * dt, y + vy * dt, limits.radius, True):
+                contact = t
             x, y = x + vx * dt, y + vy * dt
             if i == 0:
-                out[c, 2], out[c, 3], out[c, 4] = math.hypot(vx, vy), x, y
+                out[c, 1], out[c, 2], out[c, 3] = math.hypot(vx, vy), x, y
             if contact < math.inf:
                 break
-        out[c, 0], out[c, 1] = contact, obstacle
+        out[c, 0] = contact
 
 
 @inner_kernel
-def _first_contact(x: float, y: float, vx: float, vy: float, t: float, dt: float, obstacles: Obstacles) -> tuple[float, int]:
-    """Return the time of the first contact in the period that starts at t, or infinity, and the obstacle, or -1."""
+def _first_contact(x: float, y: float, vx: float, vy: float, t: float, dt: float, obstacles: Obstacles) -> float:
+    """Return the time of the first contact with an obstacle in the period that starts at t, or infinity."""
     xy, velocity, contact_radius = obstacles
-    contact, obstacle = math.inf, -1
+    contact = math.inf
     for k in range(len(contact_radius)):
         px, py = xy[k, 0] + velocity[k, 0] * t - x, xy[k, 1] + velocity[k, 1] * t - y
         hit, _, _ = swept_discs(px, py, velocity[k, 0] - vx, velocity[k, 1] - vy, contact_radius[k], dt)
-        if t + hit < contact:
-            contact, obstacle = t + hit, k
-    return contact, obstacle
+        contact = min(contact, t + hit)
+    return contact
 
 
 @kernel
@@ -88,27 +84,27 @@ def roll_out_twists(
     """Drive each candidate twist for `steps` control periods, or to the first contact, by the dynamics of wheels with ramps.
 
     A twist is a speed in m/s, negative in reverse, and a turn rate in rad/s. Within a period the robot moves along the chord of
-    its arc. Written to `out`, float64[C, 7], for each candidate: the first three as in `roll_out`, x, y and heading after `aim`
+    its arc. Written to `out`, float64[C, 6], for each candidate: the first two as in `roll_out`, x, y and heading after `aim`
     periods, >= 1, or where it stopped, and whether a period of the command followed by braking with its turn rate keeps clear
     of walls (`stops_clear`).
     """
     for c in range(len(candidates)):
-        now, contact, obstacle = state, math.inf, -1
+        now, contact = state, math.inf
         for i in range(steps):
             later = drive_roughly(now, candidates[c, 0], candidates[c, 1], limits, dt)
             x, y, t, vx, vy = now.x, now.y, i * dt, (later.x - now.x) / dt, (later.y - now.y) / dt
-            contact, obstacle = _first_contact(x, y, vx, vy, t, dt, obstacles)
+            contact = _first_contact(x, y, vx, vy, t, dt, obstacles)
             if contact > t and hits_walls(terrain, x, y, later.x, later.y, limits.radius, True):
-                contact, obstacle = t, -1
+                contact = t
             now = later
             if i == 0:
-                out[c, 2] = now.a
+                out[c, 1] = now.a
             if i < aim:
-                out[c, 3], out[c, 4], out[c, 5] = now.x, now.y, now.theta
+                out[c, 2], out[c, 3], out[c, 4] = now.x, now.y, now.theta
             if contact < math.inf:
                 break
-        out[c, 0], out[c, 1] = contact, obstacle
-        out[c, 6] = stops_clear(candidates[c, 0], candidates[c, 1], state, limits, dt, terrain)
+        out[c, 0] = contact
+        out[c, 5] = stops_clear(candidates[c, 0], candidates[c, 1], state, limits, dt, terrain)
 
 
 @kernel
