@@ -23,7 +23,7 @@ from antway.search.dstarlite import DStarLite as Search
 from antway.search.sipp import NO_SEGMENTS
 from antway.search.sipp import Sipp as SpaceTime
 from antway.world.line_of_sight import clear, goal_of_cells, nearest_free
-from antway.world.nearby import STRAIGHT_IN, TAKEN, approach, contact_radii, keeping_velocity, now
+from antway.world.nearby import STRAIGHT_IN, TAKEN, approach, contact_radii, keeping_velocity, now, renewed
 from antway.world.policy import XY, Command, Decision, Observation, Task
 from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
@@ -95,9 +95,7 @@ class Follow:
 
     def decide(self, action: str, reason: str, **more: Any) -> None:
         """Set the decision, unless it is the present one in words and about the same obstacle."""
-        now = self.decision
-        if (now.action, now.reason, now.obstacle) != (action, reason, more.get("obstacle")):
-            self.decision = Decision(action, reason, **more)
+        self.decision = renewed(self.decision, action, reason, **more)
 
 
 class Avoider(Follow, ABC):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.records import Trajectories
 from antway.kernels.tracking.tubes import first_conflict
 from antway.world.line_of_sight import clear
-from antway.world.policy import XY, Command, Observation, Task, Tracks
+from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.robots import RobotSpec
 from antway.world.rollouts import acting
 
@@ -31,6 +31,12 @@ class Approach(NamedTuple):
     seen: Observation  # with the obstacles that count for the policy's own method
     obstacle: int | None  # id of who stands at the goal, if the robot is near; else None
     command: Command | None  # leads straight to a free place within the tolerance; None if no such place can be reached
+
+
+def renewed(decision: Decision, action: str, reason: str, **more: Any) -> Decision:
+    """Return the decision with these attributes, or the present one if it is the same in words and about the same obstacle."""
+    same = (decision.action, decision.reason, decision.obstacle) == (action, reason, more.get("obstacle"))
+    return decision if same else Decision(action, reason, **more)
 
 
 def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -26,7 +26,7 @@ from antway.policies.paper.local_target import local_target
 from antway.policies.paper.routes import STOP, Nodes, PathsFrom, StaticRoutes
 from antway.policies.paper.tubes import Ahead, Tubes
 from antway.world.ants import AntStep, LaidTrails
-from antway.world.nearby import STRAIGHT_IN, TAKEN, approach
+from antway.world.nearby import STRAIGHT_IN, TAKEN, approach, renewed
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 from antway.world.rollouts import acting
 
@@ -145,11 +145,11 @@ class PaperPolicy:
         seen, obstacle, command = approach(self.routes.task, observation, self.kept)
         if command is not None:
             self._take(np.array([self.here]), retreating=True)  # if they go away, the robot rejoins its path from there
-            self._say(STRAIGHT_IN, obstacle, "avoid")
+            self.decision = renewed(self.decision, "avoid", STRAIGHT_IN, obstacle=obstacle)
         else:
             command = self._steer(acting(seen, self.spec)[0])
             if obstacle is not None:
-                self._say(TAKEN, obstacle, self.decision.action)
+                self.decision = renewed(self.decision, self.decision.action, TAKEN, obstacle=obstacle)
         if self.guard is not None:
             command = self.guard.passed(observation, command)
             if self.guard.did != self.decision.guard:
@@ -413,11 +413,6 @@ class PaperPolicy:
             pheromone=None if colony is None else (*colony.window[:2], colony.pheromone_by_cell),
             history=None if colony is None else colony.history,
         )
-
-    def _say(self, reason: str, obstacle: int | None, action: str) -> None:
-        """Record a decision about somebody who stands at the goal, unless it is the present one."""
-        if (self.decision.reason, self.decision.obstacle, self.decision.action) != (reason, obstacle, action):
-            self.decision = Decision(action, reason, obstacle=obstacle)
 
     def _take(self, nodes: Nodes, *, retreating: bool = False) -> None:
         """Drive along `nodes` from now on, without a wait."""
