@@ -14,7 +14,7 @@ from antway.baselines.orca import outlines, tracked
 from antway.kernels.base.records import RobotState
 from antway.kernels.robot.motion import drive_cycle
 from antway.tables import NEED_PYRVO, POLICIES
-from antway.world.motions import BackAndForth
+from antway.world.motions import BackAndForth, Line
 from antway.world.policy import Observation, Tracks
 from antway.world.world import Obstacle
 from common import cases
@@ -123,6 +123,15 @@ def test_on_wheels_it_arrives() -> None:
     assert results[0].reached and results[0].trace.digest() == results[1].trace.digest()
     with pytest.raises(BadParameter, match="error"):
         make_policy("nh-orca", error=0.0)
+
+
+@pytest.mark.parametrize(("name", "robot"), [("orca", RobotSpec()), ("nh-orca", RobotSpec(drive="differential"))])
+def test_who_stands_behind_the_goal_is_kept_two_margins_off(name: str, robot: RobotSpec) -> None:
+    """One is the robot's and one theirs: where they keep it from a goal of 4 cm, it drives straight into that."""
+    stands = Obstacle(0.3, Line((18.92, 6.2), (18.92, 6.2), 0.0))  # 12 cm from a robot at the goal
+    result = run(hall(stands, robot=robot, goal_tolerance=0.04, horizon=40.0), make_policy(name, margin=0.1))
+    check_episode(result)
+    assert result.reached
 
 
 def test_unseen_it_fails_as_published() -> None:

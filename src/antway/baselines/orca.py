@@ -45,6 +45,7 @@ class Orca(Avoider):
     """
 
     name = "orca"
+    error = 0.0  # m; enlargement of the robot's radius
 
     def __init__(
         self, *, horizon: float = 5.0, wall_horizon: float = 0.5, margin: float = 0.01, look_ahead: float = 2.0
@@ -62,7 +63,7 @@ class Orca(Avoider):
     def reset(self, task: Task, seed: int) -> None:
         """Set up the simulation: the robot and the walls."""
         super().reset(task, seed)
-        robot, self.kept = task.robot, self.margin
+        robot, self.kept = task.robot, 2.0 * self.margin + self.error
         self.simulation: Any = self.simulator(
             robot.dt, 10.0, 10, self.horizon, self.wall_horizon, robot.radius + self.margin, robot.v_max
         )
@@ -101,7 +102,7 @@ class Orca(Avoider):
     def _place(self, k: int, xy: XY, velocity: XY, radius: float, preferred: XY) -> None:
         self.simulation.set_agent_position(k, xy)
         self.simulation.set_agent_velocity(k, velocity)
-        self.simulation.set_agent_radius(k, radius + self.margin)
+        self.simulation.set_agent_radius(k, radius + self.margin + (self.error if k == 0 else 0.0))
         self.simulation.set_agent_pref_velocity(k, preferred)
 
 
@@ -151,10 +152,6 @@ class NhOrca(Orca):
         angle = math.remainder(math.atan2(command.velocity[1], command.velocity[0]) - observation.heading, 2.0 * math.pi)
         v, omega = tracked(speed, angle, max(self.turn_time, abs(angle) / robot.turn_rate), self.error)
         return commanded(min(v, robot.v_max), omega, observation.heading, robot)
-
-    def _place(self, k: int, xy: XY, velocity: XY, radius: float, preferred: XY) -> None:
-        """Place an agent; the robot, which is the first, is enlarged."""
-        super()._place(k, xy, velocity, radius + (self.error if k == 0 else 0.0), preferred)
 
 
 def tracked(speed: float, angle: float, time: float, error: float) -> XY:
