@@ -201,11 +201,39 @@ def test_latency_counts_once() -> None:
     robot = replace(WHEELS, latency=0.3)
     policy = make_policy("dwa", vel=50.0, dist=0.0, heading=0.0)
     policy.reset(hall(robot=robot).task, 1)
-    for gap, action in ((0.7, "follow"), (0.4, "brake")):
+    for gap, action, fastest in ((0.62, "follow", True), (0.58, "follow", False), (0.4, "brake", False)):
         x = 3.0 + 0.3 * robot.v_max + robot.radius + 0.3 + policy.kept + gap
         seen = Tracks([1], [(x, 3.125)], [(0.0, 0.0)], [0.3])
-        policy.act(Observation(0.0, (3.0, 3.125), (1.0, 0.0), 0.0, seen, pending=np.array([(1.0, 0.0)] * 3)))
-        assert policy.explain().action == action
+        command = policy.act(Observation(0.0, (3.0, 3.125), (1.0, 0.0), 0.0, seen, pending=np.array([(1.0, 0.0)] * 3)))
+        assert policy.explain().action == action and (command.twist[0] == 1.0) is fastest
+
+
+def test_the_window_is_what_the_robot_reaches_in_a_period() -> None:
+    """Against its own dynamics under the most extreme commands, ahead and in reverse; the first candidates stop, or nearly."""
+    rng, policy = np.random.default_rng(5), make_policy("dwa")
+    robot = RobotSpec(drive="differential", a_max=1.0, brake_max=2.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.6)
+    policy.reset(hall(robot=robot).task, 1)
+    for v in (*rng.uniform(-0.6, 1.0, cases(40, 1000)).tolist(), 0.0, 1.0, -0.6):
+        state = RobotState(5.0, 3.0, 0.0, v, float(rng.uniform(-1.9, 1.9)))
+        window = policy._window(state)
+        ends = np.array(
+            [drive_cycle(state, s * 9.0, turn, robot.limits, robot.dt)[3:] for s in (-1, 1) for turn in (-9.0, 9.0)]
+        )
+        low, high = window.min(axis=0), window.max(axis=0)
+        assert (low[1], high[1]) == pytest.approx((ends[:, 1].min(), ends[:, 1].max()))
+        if v <= 0.0 or v >= robot.brake_max * robot.dt:  # else it crosses 0, and speeds up more slowly than it braked
+            assert low[0] == pytest.approx(ends[:, 0].min())
+        if v >= 0.0 or v <= -robot.brake_max * robot.dt:
+            assert high[0] == pytest.approx(ends[:, 0].max())
+        assert window[: policy.turns, 0] == pytest.approx(min(max(0.0, low[0]), high[0]))
+
+
+def test_wheels_too_near_a_wall_stop_on_the_arc_that_was_clear() -> None:
+    """No command is clear of the wall ahead: it brakes with the turn rate commanded last."""
+    policy = make_policy("dwa")
+    policy.reset(hall(robot=WHEELS).task, 1)
+    policy.turning = 0.7
+    assert policy.act(Observation(0.0, (9.65, 3.125), (1.0, 0.0), 0.0, Tracks.none())).twist == (0.0, 0.7)
 
 
 def test_it_goes_round_a_dead_end() -> None:

@@ -10,6 +10,7 @@ import pytest
 from antway import BadParameter, Grid, Observation, RobotSpec, Scenario, Tracks, World, check_episode, make_policy, run
 from antway.kernels.base.records import RobotState
 from antway.kernels.baselines.mppi import path_integral
+from antway.kernels.controls.problem import NearObstacle
 from antway.world.motions import BackAndForth, Line
 from antway.world.world import Obstacle
 from common import judge
@@ -67,6 +68,46 @@ def test_commands_without_wheels_keep_the_limit() -> None:
     policy.sampling = policy.sampling._replace(spread_a=0.0, spread_b=0.0)
     command = policy.act(Observation(0.0, (1.125, 3.125), (0.7, 0.7), 0.0, Tracks.none()))
     assert command.velocity == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
+
+
+def test_the_last_sequence_goes_on_and_obstacles_keep_their_velocities() -> None:
+    """The mean starts a period later each time, and who was seen goes on from there, as large as both bodies and the margin."""
+    policy, robot = make_policy("mppi", samples=20, temperature=1e-3), RobotSpec(drive="differential", radius=0.25, a_max=2.0)
+    policy.reset(hall(robot=robot).task, 1)
+    policy.sampling = policy.sampling._replace(spread_a=0.0, spread_b=0.0)
+    before = np.column_stack((np.linspace(0.9, 1.0, 30), np.linspace(0.1, -0.1, 30)))
+    policy.nominal[:] = before
+    tracks = Tracks([1], [(2.0, 4.9)], [(0.1, 0.2)], [0.3])
+    policy.act(Observation(2.0, (1.125, 3.125), (0.9, 0.0), 0.0, tracks, stamp=1.5))
+    assert policy.nominal == pytest.approx(np.vstack((before[1:], before[-1])), abs=1e-9)
+    outlook, near = policy.problem.outlook, NearObstacle._fields.index
+    for k in (15, 29):
+        disc = outlook.disc[k, 0]
+        t = 0.5 + 0.1 * (k + 1)
+        assert outlook.near[k] == 1 and disc[:2] == pytest.approx((2.0 + 0.1 * t, 4.9 + 0.2 * t))
+        assert disc[near("contact")] == pytest.approx(0.25 + 0.3 + policy.margin)
+
+
+def test_noise_suits_the_robot_and_the_seed() -> None:
+    """Its standard deviations are shares of the robot's limits, its blocks last as long as asked, and each seed has its own."""
+    firsts = []
+    for seed in (1, 2):
+        policy = make_policy("mppi", samples=20, block=0.2)
+        policy.reset(hall(robot=RobotSpec(drive="differential", v_max=2.0, dt=0.25, turn_rate=1.5)).task, seed)
+        sampling = policy.sampling
+        assert (sampling.block, sampling.spread_a, sampling.spread_b) == pytest.approx((1, 0.35 * 2.0, 0.4 * 1.5))
+        policy.act(Observation(0.0, (1.125, 3.125), (0.0, 0.0), 0.0, Tracks.none()))
+        firsts.append(sampling.drawn[2, 0].tolist())
+    assert firsts[0] != firsts[1]
+
+
+def test_walls_are_kept_clear_of() -> None:
+    """Round a block in the middle of the hall, on wheels, close to its corners and without contact."""
+    blocked = HALL.blocked.copy()
+    blocked[6:18, 18:22] = True
+    result = run(Scenario(World(Grid(blocked, 0.25)), (1.125, 3.125), (9.125, 3.125), WHEELS, horizon=30.0), "mppi")
+    check_episode(result)
+    assert result.reached and result.time < 14.0
 
 
 def test_latency_is_driven_with() -> None:
