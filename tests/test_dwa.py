@@ -92,6 +92,7 @@ def test_rollouts_of_twists_are_the_robots_own_arcs() -> None:
             [0.005 * (int(np.argmax(below)) + 1) if below.any() else math.inf for below in (np.array(gaps) < gap).T]
             for gap in (5e-3, -5e-3)
         )
+        assert out[0, 1] == pytest.approx(drive_cycle(state, *twist[0].tolist(), WHEELS.limits, 0.1)[3], abs=1e-9)
         if min(disc, wall) > 1.01:
             assert out[0, 2:5] == pytest.approx(after[:3], abs=2e-3)
         if math.isinf(out[0, 0]):
@@ -178,6 +179,16 @@ def test_a_stop_is_clear_where_dense_steps_find_no_wall() -> None:
     for gap in (0.004, 0.02):  # from rest a period and braking take 0.01 m
         at_rest = RobotState(6.0 - WHEELS.radius - gap, 4.0, 0.0, 0.0, 0.0)
         assert stops_clear(1.0, 0.0, at_rest, WHEELS.limits, dt, terrain) is (gap > 0.01)
+
+
+@pytest.mark.parametrize(("robot", "v"), [(WHEELS, 1.0), (replace(WHEELS, a_max=math.inf, alpha_max=math.inf), 0.0)])
+def test_no_stop_is_clear_where_the_arc_bulges_into_a_wall(robot: RobotSpec, v: float) -> None:
+    """The chord of the first period runs along the wall, and the arc is up to 2.4 mm nearer to it."""
+    blocked = np.zeros((40, 40), dtype=bool)
+    blocked[:, 30:] = True
+    for gap in (0.001, 0.004):
+        state = RobotState(6.0 - robot.radius - gap, 4.0, math.pi / 2 - 0.095, v, 1.9)
+        assert stops_clear(1.0, 1.9, state, robot.limits, 0.1, terrain_of(Grid(blocked, 0.2))) is (gap > 0.003)
 
 
 def test_predictions_are_what_saves_it() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -112,6 +113,23 @@ def test_on_wheels_the_robot_alone_is_enlarged() -> None:
     policy.act(seen((4.2, 6.2), (1.0, 0.0), [(7.2, 6.2, 0.0, 0.0, 0.7)]))
     radii = [policy.simulation.get_agent_radius(k) for k in (0, 1)]
     assert radii == pytest.approx([policy.task.robot.radius + 0.32, 0.72])
+
+
+def test_it_slows_down_in_the_last_metre() -> None:
+    """As CrowdNav's robot does, in proportion to its own speed."""
+    policy = make_policy("orca")
+    policy.reset(hall(robot=RobotSpec(v_max=2.0)).task, 1)
+    assert policy.act(seen((17.8, 6.2), (0.8, 0.0), [])).velocity == pytest.approx((0.8, 0.0), abs=1e-5)
+    assert policy.act(seen((4.2, 6.2), (2.0, 0.0), [])).velocity == pytest.approx((2.0, 0.0), abs=1e-5)
+
+
+def test_on_wheels_it_turns_no_faster_than_it_can() -> None:
+    """A velocity far off the heading is tracked in the time that the turn takes."""
+    policy = make_policy("nh-orca")
+    policy.reset(hall(robot=RobotSpec(drive="differential", turn_rate=1.0)).task, 1)
+    o = Observation(0.0, (4.2, 6.2), (0.0, 0.0), 2.0, Tracks.none())
+    assert policy.act(o).twist[1] == pytest.approx(-1.0, abs=1e-6)
+    assert policy.act(replace(o, heading=0.2)).twist[1] == pytest.approx(-0.2 / policy.turn_time, abs=1e-6)
 
 
 def test_on_wheels_it_arrives() -> None:

@@ -78,6 +78,36 @@ def test_disc_forces_are_the_gradient_of_ge_and_cuis_potential() -> None:
         assert disc_force(0.0, 0.0, 0.0, 0.0, 0.3, 1.0, 9.0, np.array([[2.0, 0.0]]), np.array([[0.5, 0.0]]), np.ones(1))[2] < 0
 
 
+def test_the_force_near_the_goal_is_the_gradient_of_ge_and_cuis_potential() -> None:
+    """Attraction and a wall whose potential falls with the square of the distance to the goal, by differences."""
+    blocked, goal, rng = np.zeros((31, 51), dtype=bool), (9.1, 3.1), np.random.default_rng(6)
+    blocked[:, 48:] = True
+    policy = make_policy("potential-field", look_ahead=None, conic=0.5, wall=0.05, influence=1.0)
+    task = Scenario(World(Grid(blocked, 0.2)), (1.1, 3.1), goal).task
+    policy.reset(task, 0)
+
+    def potential(p: np.ndarray) -> float:
+        away = math.dist(p, goal)
+        return away**2 / (2 * 0.5) + 0.05 * _wall_potential(blocked, 0.2, task.robot.radius, 1.0, p) * (away / 0.5) ** 2
+
+    for _ in range(cases(20, 1000)):
+        at = goal + rng.uniform((-0.3, -0.3), (0.1, 0.3))
+        fx, fy, _ = policy._force(Observation(0.0, tuple(at.tolist()), (0.0, 0.0), 0.0, Tracks.none()), goal)
+        np.testing.assert_allclose((fx, fy), -naive.gradient(potential, at), rtol=1e-4, atol=1e-4)
+
+
+def test_a_robot_that_brakes_weakly_is_repelled_from_farther() -> None:
+    """What it needs to brake counts as if the obstacle were so much nearer."""
+    forces = []
+    for brake in (math.inf, 0.5):
+        policy = make_policy("potential-field")
+        policy.reset(hall(robot=RobotSpec(a_max=brake)).task, 0)
+        o = Observation(0.0, (3.1, 3.1), (0.8, 0.0), 0.0, Tracks([0], [(5.1, 3.1)], [(0.0, 0.0)], [0.3]))
+        forces.append(policy._force(o, (9.1, 3.1))[0])
+    b = 0.8**2 / (2 * 0.5)
+    assert forces[1] == pytest.approx(1.0 - 0.05 * (1.0 + 0.8 / 0.5) / (1.4 - b) ** 2) and forces[1] < forces[0]
+
+
 def test_the_u_trap_holds_it_without_the_look_ahead_target() -> None:
     """Pulled to the goal itself it ends in the dead end; pulled to what it sees of the global path it arrives."""
     caught = run(trap(), make_policy("potential-field", look_ahead=None))

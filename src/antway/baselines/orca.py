@@ -20,9 +20,9 @@ AWAY = 1e6  # m; place of unused agents
 class Orca(Avoider):
     """Take the velocity nearest to the preferred one that avoids all agents for some time if they do their half.
 
-    The preferred velocity leads to the farthest visible point of the global path, at full speed or, within the last metre, at
-    the remaining distance per second. Walls are obstacles of RVO2. Each track is an agent without a goal at its present
-    velocity. The method assumes that obstacles avoid the robot; if they do not, they may hit it.
+    The preferred velocity leads to the farthest visible point of the global path, at full speed or, within the last metre,
+    slower in proportion to the remaining distance. Walls are obstacles of RVO2. Each track is an agent without a goal at its
+    present velocity. The method assumes that obstacles avoid the robot; if they do not, they may hit it.
 
     Parameters
     ----------
