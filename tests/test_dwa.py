@@ -183,12 +183,12 @@ def test_a_stop_is_clear_where_dense_steps_find_no_wall() -> None:
 
 @pytest.mark.parametrize(("robot", "v"), [(WHEELS, 1.0), (replace(WHEELS, a_max=math.inf, alpha_max=math.inf), 0.0)])
 def test_no_stop_is_clear_where_the_arc_bulges_into_a_wall(robot: RobotSpec, v: float) -> None:
-    """The chord of the first period runs along the wall, and the arc is up to 2.4 mm nearer to it."""
+    """Where the chord of the first period runs along the wall, the arc is up to 2.4 mm nearer to it."""
     blocked = np.zeros((40, 40), dtype=bool)
     blocked[:, 30:] = True
-    for gap in (0.001, 0.004):
-        state = RobotState(6.0 - robot.radius - gap, 4.0, math.pi / 2 - 0.095, v, 1.9)
-        assert stops_clear(1.0, 1.9, state, robot.limits, 0.1, terrain_of(Grid(blocked, 0.2))) is (gap > 0.003)
+    for gap, off, clear in ((0.001, 0.095, False), (0.004, 0.095, True), (0.0003, 0.05, False)):
+        state = RobotState(6.0 - robot.radius - gap, 4.0, math.pi / 2 - off, v, 1.9)
+        assert stops_clear(1.0, 1.9, state, robot.limits, 0.1, terrain_of(Grid(blocked, 0.2))) is clear
 
 
 def test_predictions_are_what_saves_it() -> None:

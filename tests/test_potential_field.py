@@ -79,9 +79,9 @@ def test_disc_forces_are_the_gradient_of_ge_and_cuis_potential() -> None:
 
 
 def test_the_force_near_the_goal_is_the_gradient_of_ge_and_cuis_potential() -> None:
-    """Attraction and a wall whose potential falls with the square of the distance to the goal, by differences."""
+    """Attraction and two walls whose potential falls with the square of the distance to the goal, by differences."""
     blocked, goal, rng = np.zeros((31, 51), dtype=bool), (9.1, 3.1), np.random.default_rng(6)
-    blocked[:, 48:] = True
+    blocked[:, 48:] = blocked[19:, :46] = True
     policy = make_policy("potential-field", look_ahead=None, conic=0.5, wall=0.05, influence=1.0)
     task = Scenario(World(Grid(blocked, 0.2)), (1.1, 3.1), goal).task
     policy.reset(task, 0)
