@@ -110,6 +110,19 @@ def test_harm_looks_as_far_ahead_at_every_control_rate() -> None:
     assert found == pytest.approx([found[0]] * 4, rel=0.1) and found[0] > 0.1
 
 
+@pytest.mark.parametrize("dt", [0.1, 0.125, 0.3, 0.5, 2.5 / 49.0])
+def test_harm_looks_ahead_for_as_many_periods_as_it_needs(dt: float) -> None:
+    """Where 2.5 s were an odd number of periods, one more was looked at, in which somebody comes near who counts else less."""
+    path, at = np.full((64, 5), math.nan), RobotState(0.0, 0.0, 0.0, 0.0, 0.0)
+    for away in (2.4, 2.55):
+        tracks = _rows((0.6 + away, 0.0, -1.0, 0.0))
+        found = harm(at, 0.0, 0.0, 0.0, tracks, LIMITS, dt, math.inf, path)
+        slow = naive.harm((0.0, 0.0), (0.0, 0.0), 0.0, (0.0, 0.0), 0.0, tracks, (1.0, math.inf, 2.0, False, 0.3), dt)
+        assert found == pytest.approx(slow, rel=0.02)
+    periods = int(np.isfinite(path[:, 0]).sum())
+    assert (periods - 1) * dt < 2.5 - 1e-9 <= periods * dt
+
+
 def test_least_harm_leaves_the_way_of_a_runner_and_of_three_abreast() -> None:
     """Who runs at 2.5 m/s is sidestepped; before three abreast the robot goes round their nearer end, or runs before them."""
     dt = 0.1

@@ -15,9 +15,9 @@ def harm(p, v, heading, command, until, tracks, limits, dt, ahead=2.5, parts=50)
     """Expected contacts of a robot that drives so, by looking at many instants of each step."""
     radius, x, total = limits[4], np.array(p, float), 0.0
     path, t = [], 0.0
-    for i in range(round(ahead / dt + 0.5)):
-        v, heading = driven(v, heading, command if i * dt < until - 1e-9 else (0.0, 0.0), limits[:4], dt)
-        path.append((i * dt, x.copy(), np.array(v)))
+    while t < ahead - 1e-9:
+        v, heading = driven(v, heading, command if t < until - 1e-9 else (0.0, 0.0), limits[:4], dt)
+        path.append((t, x.copy(), np.array(v)))
         x, t = x + np.array(v) * dt, t + dt
     for row in tracks:
         best, value = math.inf, 0.0

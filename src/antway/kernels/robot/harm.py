@@ -48,7 +48,7 @@ def harm(
     reaches `enough`. `path`, float64[S, 5], is scratch memory: the time looked ahead is divided into at most S steps.
     """
     dt = max(dt, _AHEAD / len(path))  # s; a step is longer than a control period where there would be too many of these
-    steps = min(round(_AHEAD / dt + 0.5), len(path))
+    steps = math.ceil(_AHEAD / dt - 1e-9)
     x, y, angle, wx, wy = state
     for i in range(steps):
         goes = i * dt < until - TOUCH
