@@ -12,12 +12,12 @@ from antway import Grid
 from antway.kernels.base.geometry import timeline_at
 from antway.kernels.base.records import ACKERMANN, DIFFERENTIAL, HOLONOMIC, RobotLimits, RobotState, Trajectories
 from antway.kernels.robot import sweep
-from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
+from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record, advance
 from antway.kernels.robot.cycle import play
 from antway.kernels.robot.dynamics import drive as in_steps
 from antway.kernels.robot.motion import delayed, drive_cycle, drive_roughly
 from antway.kernels.robot.sweep import Body, meets_wall, pose, rolling
-from antway.world.terrain import walls_of
+from antway.world.terrain import terrain_of, walls_of
 from antway.world.timeline import Timeline
 from common import cases
 from naive import motion as twin
@@ -225,6 +225,22 @@ def test_contact_is_where_samples_find_it(drive: int, shape: str) -> None:
             assert abs(math.dist((x, y), aim[:2]) - aim[2]) < 1e-7 or end < 1e-9
         assert -5e-3 < clearance - gaps.min() < 5e-6  # the samples are a millisecond apart
     assert sum(told[what] > 0 for what in told) >= 2, told
+
+
+@pytest.mark.parametrize("ramps", [True, False])
+@pytest.mark.parametrize(("away", "told"), [(-1e-9, HIT_STANDING), (1e-6, REACHED)], ids=["contact", "soon"])
+def test_of_a_contact_and_the_goal_at_the_same_instant_the_contact_counts(ramps: bool, away: float, told: int) -> None:
+    """Also for a robot that is at its goal already: after its last stop an episode may end where it stands."""
+    grid, zero = Grid(np.zeros((30, 30), bool), 0.2), np.zeros((2, 2))
+    record = Record(np.zeros(2), np.full((2, 2), 3.0), zero.copy(), np.zeros(2), np.zeros(2), np.zeros((1, 2)))
+    apart, aim = 0.5 + away, np.array([3.0, 3.0, 0.2])
+    discs = Timeline.of([0], [0.2], [(np.array([0.0, 1.0]), np.array([(3.0 + apart, 3.0), (2.0 + apart, 3.0)]))]).trajectories
+    limits, body = some_limits(np.random.default_rng(1), HOLONOMIC), Body(np.zeros((1, 2)), 0.3, 0.3, np.zeros((1, 2)))
+    if ramps:
+        what, obstacle, _ = play(0, 0.1, limits, body, record, aim, walls_of(grid), discs, math.inf)
+    else:
+        what, obstacle, _ = advance(0, 0.1, limits, aim, record, terrain_of(grid), discs)
+    assert (what, obstacle) == (told, 0 if told == HIT_STANDING else -1) and record.t[1] < 1e-9
 
 
 @pytest.mark.timeout(60)

@@ -70,7 +70,7 @@ def _first_contact(
         what, obstacle, when = HIT_WALL, -1, wall
     x, y = m.x - aim[0], m.y - aim[1]
     away = math.hypot(x, y) - aim[2]
-    if away < 0.0:  # the robot is there already
+    if away < 0.0 < when:  # the robot is there already
         return REACHED, -1, 0.0
     if away <= fastest * h:
         centre = Body(body.centre, 0.0, 0.0, body.centre)
