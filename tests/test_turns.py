@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from antway.world.trace import Outcome
 from antway.world.world import Obstacle
 from common import all_seen, cases
 from naive import people as naive
+from naive import rollout as naive_rollout
 
 ROOM = terrain_of(Grid(np.zeros((40, 40), np.bool_), 0.1))
 COLUMN = {name: k for k, name in enumerate(NearObstacle._fields)}  # of obstacles of an outlook
@@ -135,38 +137,42 @@ def test_the_reach_of_turns_is_what_an_obstacle_gains_before_the_robot_is_out_of
     assert (outlook.near == 1).all()
 
 
-def test_obstacles_go_straight_until_their_velocity_changes() -> None:
-    """A tube that widens, and the end of what is predicted, change no velocity."""
-    outlook, margins = empty_outlook(25), Margins(0.01, 0.05, 2.0, 1.2, 0.4, 0.15, 2.0)
-    segments = np.array(
-        [[0, 0.5, 2, 0, 0, 0.5, 0.6, 0.6], [0.5, 1, 2, 0.25, 0, 0.5, 0.7, 0.7], [1, 3, 2, 0.5, 0.5, 0, 0.7, 0.7]]
-    )
-    at, bounds = RobotState(0.0, 0.0, 0.0, 0.0, 0.0), SpeedBounds(1.0, 1.0, 1.0, 1.0)
-    look_ahead(segments, np.zeros((1, 2)), 0.0, 0.1, at, bounds, margins, 0.0, outlook)
-    left = [1.0 - t if 0.5 <= t < 1.0 else math.inf for t in (np.arange(25) + 1) / 10]
-    assert outlook.disc[:25, 0, COLUMN["straight"]].tolist() == pytest.approx(left)
+def _walks(rng: np.random.Generator, now: float, number: int) -> np.ndarray:
+    """Segments of an obstacle from before `now` on: at each knot its velocity changes, or only its tube widens, or neither."""
+    knots = now + np.cumsum([-rng.uniform(0.0, 0.3), *rng.uniform(0.05, 1.5, rng.integers(1, 7))])
+    at, v, radius, rows = rng.uniform(-9.0, 9.0, 2), rng.uniform(-1.5, 1.5, 2), rng.uniform(0.4, 0.8), []
+    for t0, t1 in pairwise([*knots[:-1].tolist(), now + 9.0 + number]):
+        rows.append((t0, t1, *at, *v, radius, radius))
+        at = at + (t1 - t0) * v
+        v, radius = rng.uniform(-1.5, 1.5, 2) if rng.random() < 0.4 else v, radius + 0.1 * (rng.random() < 0.5)
+    return np.array(rows)
 
 
-def test_of_too_many_obstacles_the_nearest_count() -> None:
-    """Of 90 obstacles in reach, those that came last in the list used to be left out, however near they were."""
-    rng, at, margins = (
-        np.random.default_rng(8),
-        RobotState(1.0, 2.0, 0.0, 0.0, 0.0),
-        Margins(0.01, 0.05, 2.0, 1.2, 0.4, 0.1, 2.0),
-    )
-    distance, bearing, contact = (
-        rng.permutation(np.linspace(0.6, 2.5, 90)),
-        rng.uniform(-3.0, 3.0, 90),
-        rng.uniform(0.4, 0.6, 90),
-    )
-    segments = np.zeros((90, 8))
-    segments[:, 1], segments[:, 6], segments[:, 7] = 9.0, contact, contact
-    segments[:, 2], segments[:, 3] = at.x + distance * np.cos(bearing), at.y + distance * np.sin(bearing)
-    outlook = empty_outlook(10)
-    look_ahead(segments, np.zeros((90, 2)), 0.0, 0.1, at, SpeedBounds(1.0, 1.0, 1.0, 1.0), margins, 0.0, outlook)
-    nearest = np.argsort(distance - contact)[:64]
-    for k in range(11):
-        assert sorted(outlook.disc[k, :, COLUMN["x"]].tolist()) == sorted(segments[nearest, 2].tolist())
+@pytest.mark.parametrize("count", [0, 1, 7, 400])
+def test_an_outlook_is_what_its_slow_twin_finds(count: int) -> None:
+    """All that is near, each in a column of its own, whatever is far and comes between; of too many the nearest."""
+    rng = np.random.default_rng(count)
+    for _ in range(cases(5, 500)):
+        now, steps, change = float(rng.choice([0.0, 7.3])), 12, float(rng.choice([0.0, 0.9]))
+        margins = Margins(0.01, 0.05, 2.0, 0.8, 0.4, 0.15, 2.0)
+        tracks, sigma = [_walks(rng, now, k) for k in range(count)], rng.uniform(0.0, 0.2, (count, 2))
+        segments = np.vstack([np.empty((0, 8)), *tracks])
+        bounds, start = SpeedBounds(0.6, 0.5, 1.0, rng.uniform(0.0, 0.5)), RobotState(*rng.uniform(-1.0, 1.0, 2), 0.0, 0.0, 0.0)
+        outlook, columns = empty_outlook(steps), {}
+        look_ahead(segments, sigma, now, 0.1, start, bounds, margins, change, outlook)
+        twin = naive_rollout.outlook_of(tracks, sigma, now, 0.1, steps, start, bounds, margins, change)
+        for k, near in enumerate(twin):
+            kept = sorted(near, key=lambda n, near=near: near[n][1])[:64]
+            kept.sort(key=lambda n, near=near: near[n][0][0])
+            rows = outlook.disc[k, : outlook.near[k]]
+            rows = rows[np.argsort(rows[:, COLUMN["x"]])]
+            found, expected = np.delete(rows, COLUMN["owner"], axis=1), np.array([near[n][0] for n in kept])
+            assert found == pytest.approx(expected.reshape(found.shape), abs=1e-6)
+            for n, column in zip(kept, rows[:, COLUMN["owner"]].tolist()):
+                columns.setdefault(n, set()).add(column)
+        assert all(len(own) == 1 for own in columns.values())
+        if len(set().union(*twin)) <= 64:
+            assert len(set().union(*columns.values())) == len(columns)
 
 
 @pytest.mark.parametrize("now", [0.0, 7.3, 1.7e9])

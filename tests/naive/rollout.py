@@ -125,6 +125,38 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
     return cost + max(value, to_go + w.ramps * lost_of(now, limits, field)) + w.turn_change * abs(now[4])
 
 
+def outlook_of(tracks, sigma, now, dt, steps, start, bounds, margins, change) -> list[dict[int, tuple[list[float], float]]]:
+    """At the end of each step, and at the end of all for the time after it: what is near of the tracks, and how near it is.
+
+    Of each track (its segments) its number, the row of `NearObstacle` without the owner, and the gap to the robot's start.
+    """
+    found: list[dict[int, tuple[list[float], float]]] = []
+    for k in [*range(steps), steps - 1]:
+        ahead, last = dt * (k + 1), len(found) == steps
+        found.append({})
+        t = now + ahead
+        for number, (segments, (place, speed)) in enumerate(zip(tracks, sigma)):
+            present = [i for i, one in enumerate(segments) if one[0] - 1e-9 <= t < one[1] - 1e-9]
+            if not present:
+                continue
+            i = present[0]
+            t0, _, x, y, vx, vy, contact, _ = segments[i]
+            changes = [one[0] for one in segments[i:] if (one[4:6] != (vx, vy)).any()]
+            x, y, pace, contact = x + vx * (t - t0), y + vy * (t - t0), math.hypot(vx, vy), contact + margins.margin
+            top = max(min(pace + bounds.growth, bounds.obstacle), pace)
+            since = np.linspace(0.0, ahead, 20_001)
+            turned = (change * since - margins.agility * np.maximum(since - margins.response, 0.0) ** 2 / 2.0).max()
+            unsure = margins.spread * math.hypot(place, speed * (margins.late + min(ahead, margins.spread_time)))
+            row = [x, y, contact, contact + margins.preferred_gap, top, vx, vy, min(changes, default=math.inf) - t]
+            row += [contact + unsure, contact + turned, min(ahead, margins.response + change / margins.agility)]
+            nearer = bounds.v_max * ahead + (bounds.v_max + pace) * 3.0 * last
+            stops = (top + bounds.v_max / 2.0) * bounds.stopping_time
+            away = math.hypot(x - start.x, y - start.y)
+            if away < contact + max(margins.preferred_gap, unsure, turned, stops) + nearer + 0.01:  # a centimetre to spare
+                found[-1][number] = row, away - contact
+    return found
+
+
 def _depth_behind(now: tuple[float, ...], course: np.ndarray, speed: float, problem: ControlProblem) -> float:
     """Overlap of both stops if what it follows brakes at once, and the robot after its stopping time, m."""
     depth, outlook = 0.0, problem.outlook

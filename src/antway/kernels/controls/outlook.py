@@ -67,6 +67,17 @@ def _place_for(outlook: Outlook, k: int, start: RobotState, gap: float) -> int:
     return place
 
 
+@inner_kernel
+def _straight_until(segments: Floats, p: int) -> float:
+    """Return when the velocity of the obstacle on segment p changes, s; infinite if it does not, or only its tube widens."""
+    vx, vy = segments[p, records.VX], segments[p, records.VY]
+    while p + 1 < len(segments) and segments[p + 1, records.T0] == segments[p, records.T1]:
+        p += 1
+        if segments[p, records.VX] != vx or segments[p, records.VY] != vy:
+            return float(segments[p, records.T0])
+    return math.inf
+
+
 @kernel
 def look_ahead(
     segments: Floats,
@@ -97,8 +108,7 @@ def look_ahead(
             obstacle += 1
         pace = math.hypot(vx, vy)
         speed = min(pace + bounds.growth, max(bounds.obstacle, pace))  # who is faster than declared stays so
-        turns = p + 1 < len(segments) and segments[p + 1, records.T0] == t1
-        turns = turns and (segments[p + 1, records.VX] != vx or segments[p + 1, records.VY] != vy)
+        until = _straight_until(segments, p)
         for k in range(max(math.floor((t0 - now) / dt) - 1, 0), steps + 1):
             t = now + min(k + 1, steps) * dt
             if t >= t1 - 1e-9:  # the same as below, so that one of two successive segments counts
@@ -117,8 +127,8 @@ def look_ahead(
             dx, dy = x - start.x, y - start.y
             if dx * dx + dy * dy < far * far:
                 preferred, risky, turning = contact + margins.preferred_gap, contact + uncertain, contact + turned
-                straight, owner = t1 - t if turns else math.inf, float(obstacle % size)
-                disc = NearObstacle(x, y, contact, preferred, speed, vx, vy, straight, risky, owner, turning, turn_time)
+                column = float(obstacle % size)
+                disc = NearObstacle(x, y, contact, preferred, speed, vx, vy, until - t, risky, column, turning, turn_time)
                 place = _place_for(outlook, k, start, math.hypot(dx, dy) - contact)
                 if place >= 0:
                     set_near(outlook, k, place, disc)
