@@ -148,7 +148,7 @@ def _walks(rng: np.random.Generator, now: float, number: int) -> np.ndarray:
     return np.array(rows)
 
 
-@pytest.mark.parametrize("count", [0, 1, 7, 400])
+@pytest.mark.parametrize("count", [0, 1, 7, 90, 400])
 def test_an_outlook_is_what_its_slow_twin_finds(count: int) -> None:
     """All that is near, each in a column of its own, whatever is far and comes between; of too many the nearest."""
     rng = np.random.default_rng(count)

@@ -99,7 +99,7 @@ def look_ahead(
     v_max, stopping_time = bounds.v_max, bounds.stopping_time
     steps, size = len(outlook.plan), outlook.disc.shape[1]
     outlook.near[:] = 0
-    obstacle = -1
+    obstacle, last, owner = -1, -1, -1  # `last` came near last, and `owner` numbers those that do
     for p in range(len(segments)):
         segment = segments[p]
         t0, t1 = segment[records.T0], segment[records.T1]
@@ -127,7 +127,9 @@ def look_ahead(
             dx, dy = x - start.x, y - start.y
             if dx * dx + dy * dy < far * far:
                 preferred, risky, turning = contact + margins.preferred_gap, contact + uncertain, contact + turned
-                column = float(obstacle % size)
+                if obstacle != last:
+                    last, owner = obstacle, owner + 1
+                column = float(owner % size)
                 disc = NearObstacle(x, y, contact, preferred, speed, vx, vy, until - t, risky, column, turning, turn_time)
                 place = _place_for(outlook, k, start, math.hypot(dx, dy) - contact)
                 if place >= 0:

@@ -46,7 +46,7 @@ class NearObstacle(NamedTuple):
     vy: float
     straight: float  # s; time until a wall changes its velocity
     risky: float  # m; distance at which the risk of contact begins
-    owner: float  # its column in `Batch.harm`
+    owner: float  # its column in `Batch.harm`; of more obstacles than it has columns, the worse of two counts
     turn_distance: float  # m; distance at which the risk of turns begins
     turn_time: float  # s; within this time a turn comes too late for the robot to respond
 
