@@ -138,36 +138,40 @@ def test_the_reach_of_turns_is_what_an_obstacle_gains_before_the_robot_is_out_of
 
 
 def _walks(rng: np.random.Generator, now: float, number: int) -> np.ndarray:
-    """Segments of an obstacle from before `now` on: at each knot its velocity changes, or only its tube widens, or neither."""
+    """Segments of an obstacle from before `now` on: at each knot a wall mirrors it, or only its tube widens, or neither."""
     knots = now + np.cumsum([-rng.uniform(0.0, 0.3), *rng.uniform(0.05, 1.5, rng.integers(1, 7))])
     at, v, radius, rows = rng.uniform(-9.0, 9.0, 2), rng.uniform(-1.5, 1.5, 2), rng.uniform(0.4, 0.8), []
     for t0, t1 in pairwise([*knots[:-1].tolist(), now + 9.0 + number]):
         rows.append((t0, t1, *at, *v, radius, radius))
         at = at + (t1 - t0) * v
-        v, radius = rng.uniform(-1.5, 1.5, 2) if rng.random() < 0.4 else v, radius + 0.1 * (rng.random() < 0.5)
+        v, radius = v * rng.choice([-1.0, 1.0, 1.0], 2), radius + 0.1 * (rng.random() < 0.5)
     return np.array(rows)
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 90, 400])
 def test_an_outlook_is_what_its_slow_twin_finds(count: int) -> None:
     """All that is near, each in a column of its own, whatever is far and comes between; of too many the nearest."""
-    rng = np.random.default_rng(count)
+    rng, steps, margins = np.random.default_rng(count), 12, Margins(0.01, 0.05, 2.0, 0.8, 0.4, 0.15, 2.0)
+    outlook = empty_outlook(steps)
     for _ in range(cases(5, 500)):
-        now, steps, change = float(rng.choice([0.0, 7.3])), 12, float(rng.choice([0.0, 0.9]))
-        margins = Margins(0.01, 0.05, 2.0, 0.8, 0.4, 0.15, 2.0)
+        now, change = float(rng.choice([0.0, 7.3])), float(rng.choice([0.0, 0.9]))
         tracks, sigma = [_walks(rng, now, k) for k in range(count)], rng.uniform(0.0, 0.2, (count, 2))
         segments = np.vstack([np.empty((0, 8)), *tracks])
         bounds, start = SpeedBounds(0.6, 0.5, 1.0, rng.uniform(0.0, 0.5)), RobotState(*rng.uniform(-1.0, 1.0, 2), 0.0, 0.0, 0.0)
-        outlook, columns = empty_outlook(steps), {}
+        columns: dict[int, set[float]] = {}
         look_ahead(segments, sigma, now, 0.1, start, bounds, margins, change, outlook)
         twin = naive_rollout.outlook_of(tracks, sigma, now, 0.1, steps, start, bounds, margins, change)
         for k, near in enumerate(twin):
             kept = sorted(near, key=lambda n, near=near: near[n][1])[:64]
             kept.sort(key=lambda n, near=near: near[n][0][0])
-            rows = outlook.disc[k, : outlook.near[k]]
-            rows = rows[np.argsort(rows[:, COLUMN["x"]])]
+            n = outlook.near[k]
+            order = np.argsort(outlook.disc[k, :n, COLUMN["x"]])
+            rows, beyond = outlook.disc[k, order], outlook.beyond[k, :, order]
             found, expected = np.delete(rows, COLUMN["owner"], axis=1), np.array([near[n][0] for n in kept])
             assert found == pytest.approx(expected.reshape(found.shape), abs=1e-6)
+            around = rows[:, [COLUMN[name] for name in ("preferred", "risky", "turn_distance")]].max(axis=1, initial=0.0)
+            around += 3.0 * (bounds.v_max + np.hypot(*rows[:, 5:7].T)) * (k == steps)
+            assert beyond == pytest.approx(np.column_stack((rows[:, :2], around**2)))
             for n, column in zip(kept, rows[:, COLUMN["owner"]].tolist()):
                 columns.setdefault(n, set()).add(column)
         assert all(len(own) == 1 for own in columns.values())
