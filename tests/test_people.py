@@ -82,12 +82,14 @@ def test_harm_is_what_its_slow_twin_finds() -> None:
         v = (speed * math.cos(heading), speed * math.sin(heading))
         tracks = _rows(*np.column_stack((at + rng.uniform(-3, 3, (3, 2)), rng.uniform(-1.5, 1.5, (3, 2)))))
         tracks[:, 7] = rng.uniform(0.0, 0.4, 3)
-        command, until = rng.uniform(-0.7, 0.7, 2), float(rng.uniform(0.0, 2.5))
+        command, until, dt = rng.uniform(-0.7, 0.7, 2), float(rng.uniform(0.0, 2.5)), float(rng.choice([0.1, 0.3]))
+        if rng.random() < 0.2:  # all stand
+            v, command, tracks[:, 2:4] = (0.0, 0.0), np.zeros(2), 0.0
         path = np.empty((64, 5))
-        found = harm(RobotState(*at, heading, *v), *command, until, tracks, limits, 0.1, math.inf, path)
-        slow = naive.harm(at, v, heading, command, until, tracks, (1.0, limits.a_max, 2.0, drive == 1, 0.3), 0.1)
+        found = harm(RobotState(*at, heading, *v), *command, until, tracks, limits, dt, math.inf, path)
+        slow = naive.harm(at, v, heading, command, until, tracks, (1.0, limits.a_max, 2.0, drive == 1, 0.3), dt)
         assert found == pytest.approx(slow, abs=7e-3, rel=0.05)
-        assert harm(RobotState(*at, heading, *v), *command, until, tracks, limits, 0.1, 0.5 * found, path) >= 0.5 * found
+        assert harm(RobotState(*at, heading, *v), *command, until, tracks, limits, dt, 0.5 * found, path) >= 0.5 * found
         some += found > 0.1
     assert some > 10
 
@@ -121,6 +123,29 @@ def test_harm_looks_ahead_for_as_many_periods_as_it_needs(dt: float) -> None:
         assert found == pytest.approx(slow, rel=0.02)
     periods = int(np.isfinite(path[:, 0]).sum())
     assert (periods - 1) * dt < 2.5 - 1e-9 <= periods * dt
+
+
+@pytest.mark.parametrize("drive", [0, 1], ids=["holonomic", "wheels"])
+def test_least_harm_is_the_least_of_its_slow_twin(drive: int) -> None:
+    """Among people and walls, of what is clear of these, whatever is commanded; it is often neither that nor a stand."""
+    rng, chosen = np.random.default_rng(2), []
+    for _ in range(cases(12, 300)):
+        grid = Grid(rng.random((12, 12)) < 0.08, 0.5)
+        limits = LIMITS._replace(a_max=float(rng.choice([1.0, 2.0])), drive=drive)
+        free = np.argwhere(grid.clearance() > 0.5)
+        at = grid.centre(tuple(free[rng.integers(len(free))].tolist()))
+        heading, speed = float(rng.choice([0.3, -2.0])), float(rng.choice([0.0, 0.2]))
+        v = (speed * math.cos(heading), speed * math.sin(heading))
+        command = tuple(rng.choice([0.0, 0.3, -0.7], 2).tolist())
+        near = rng.uniform(-1.5, 1.5, (3, 2))
+        tracks = _rows(*np.column_stack((np.array(at) + near, -0.5 * near * rng.integers(0, 2, (3, 1)))))
+        found = least_harm(RobotState(*at, heading, *v), *command, tracks, limits, 0.1, terrain_of(grid))
+        twin = (at, v, heading, command, tracks, (1.0, limits.a_max, limits.turn_rate, drive == 1, 0.3), 0.1, grid.blocked, 0.5)
+        may, sure = (naive.least_harm(*twin, spare) for spare in (-0.01, 0.01))
+        costs = [cost for candidate, cost in may.items() if math.dist(candidate, found) < 1e-9]
+        assert costs and costs[0] < min(sure.values()) + 0.012
+        chosen.append(math.dist(found, command) > 1e-9 and math.hypot(*found) > 0.0)
+    assert any(chosen)
 
 
 def test_least_harm_leaves_the_way_of_a_runner_and_of_three_abreast() -> None:

@@ -39,6 +39,41 @@ def harm(p, v, heading, command, until, tracks, limits, dt, ahead=2.5, parts=50)
     return total
 
 
+def least_harm(p, v, heading, command, tracks, limits, dt, blocked, size, spare):
+    """What each candidate costs that keeps `spare` m more than it must from walls, whose edges are `size` m long.
+
+    A candidate goes for 0.3, 0.8 or 2 s, or up to where it still can brake before a wall, and then stands.
+    """
+    (v_max, a_max, _, _, radius), asked = limits, math.hypot(*command)
+
+    def free(w, far):
+        """How far it can go with velocity w, up to `far` m."""
+        along = np.arange(0.0, far + 0.002, 0.002)
+        path = np.array(p) + along[:, None] * np.array(w) / math.hypot(*w)
+        squares = np.argwhere(np.pad(blocked, 1, constant_values=True))[:, ::-1] - 0.5
+        away = np.hypot(*np.maximum(np.abs(path[:, None] - squares * size) - size / 2, 0.0).transpose(2, 0, 1)).min(axis=1)
+        return min(far, along[(away < radius).argmax()] - spare) if (away < radius).any() else far
+
+    turns = [
+        speed * v_max * np.array((math.cos(k * math.pi / 8), math.sin(k * math.pi / 8)))
+        for k in range(16)
+        for speed in (0.5, 1)
+    ]
+    worth = {(0.0, 0.0): harm(p, v, heading, (0.0, 0.0), 0.0, tracks, limits, dt)}
+    for candidate in [*turns, np.array(command)]:
+        speed, first = math.hypot(*candidate), math.hypot(*(w := driven(v, heading, candidate, limits[:4], dt)[0]))
+        if speed < 1e-9:
+            continue
+        brake, stops = speed**2 / (2 * a_max), first * dt + first**2 / (2 * a_max)
+        until = (free(candidate, 2.0 * speed + brake) - brake) / speed
+        if until < dt or (first > 1e-9 and free(w, stops) < stops):
+            continue
+        gain = 0.02 * float(candidate @ command) / (asked * v_max) if asked > 0.0 else 0.0
+        lasts = [min(one, until) for one in (0.3, 0.8, 2.0)]
+        worth[tuple(candidate.tolist())] = min(harm(p, v, heading, candidate, one, tracks, limits, dt) for one in lasts) - gain
+    return worth
+
+
 def chance_of_contact(places, aside, estimates, age, radius, ahead, hold, parts=4000) -> float:
     """Expected number of tracks that touch a robot beside its plan, by looking at many instants."""
     t = np.linspace(0.0, ahead, parts + 1)
