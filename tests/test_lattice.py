@@ -39,7 +39,7 @@ def _colony(robot: RobotSpec, rng: np.random.Generator) -> ControlColony:
         for i in range(3):
             at = x[i] + 0.1 * k * vx[i], y[i] + 0.1 * k * vy[i]
             colony.problem.outlook.disc[k, i] = *at, 0.5, 0.55, 1.0, vx[i], vy[i], math.inf, 0.7, i, 0.6, 0.3
-    write_beyond(robot.v_max, colony.problem.outlook)
+    write_beyond(robot.v_max, robot.dt, colony.problem.outlook)
     colony.problem = colony.problem._replace(weights=colony.problem.weights._replace(**FIRM))
     return colony
 

@@ -98,7 +98,7 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
                     rng.uniform(0.1, 1.0),
                 )
         colony.problem.outlook.disc[steps] = colony.problem.outlook.disc[steps - 1]  # those that count afterwards
-        write_beyond(robot.v_max, colony.problem.outlook)
+        write_beyond(robot.v_max, robot.dt, colony.problem.outlook)
         colony.problem.outlook.plan[:] = [3.0, 4.0, 2.0 if trial % 3 else -math.inf]
         path = np.zeros((steps + 1, 3))
         cost = judge(controls, colony.problem)
@@ -121,7 +121,7 @@ def test_rollouts_abreast_do_not_depend_on_one_another(robot: RobotSpec) -> None
     for k in range(steps + 1):
         for i, x in enumerate((8.6 - 0.01 * k, 7.4)):
             outlook.disc[k, i] = x, 4.9, 0.5, 0.55, 0.5, -0.1, 0.0, math.inf, 0.8, i, 0.7, 0.3
-    write_beyond(robot.v_max, outlook)
+    write_beyond(robot.v_max, robot.dt, outlook)
     low, high = ((-0.3, -1.9), (1.0, 1.9)) if robot.wheels else (-0.7, 0.9)
     sequences = np.repeat(rng.uniform(low, high, (150, 6, 2)), 5, axis=1)
     sequences[:50, :, 0], cost = 1.0, np.empty(150)
@@ -145,10 +145,25 @@ def test_a_corner_of_a_footprint_that_an_obstacle_scrapes_within_a_step_is_a_con
     for away in (0.19, 0.26):
         x, y = 2.0 - 0.6 * away - 0.1, 5.2 + 0.8 * away - 0.075  # at the end of the step, at which the corner is at (2.0, 5.2)
         outlook.disc[2, 0] = x, y, contact, contact, 1.8, -1.0, -1.5, math.inf, contact + 0.01, 0, contact + 0.01, 0.0
-        write_beyond(LONG.v_max, outlook)
+        write_beyond(LONG.v_max, LONG.dt, outlook)
         costs.append(judge(controls, problem))
         assert costs[-1] == pytest.approx(naive.cost_of(controls, problem, CORNERS), rel=0.02, abs=0.05)
     assert costs[0] > costs[1] + 0.5 * problem.weights.contact
+
+
+@pytest.mark.parametrize("phase", np.arange(0.0, 1.75, 0.25).tolist())
+def test_somebody_whom_a_robot_meets_within_a_long_period_is_a_contact(phase: float) -> None:
+    """At 2 and 1.5 m/s, and 0.5 s a period, they may be far apart at both ends of the one in which they meet."""
+    robot = replace(HOLONOMIC, v_max=2.0, dt=0.5, a_max=2.0)
+    problem = _colony(robot).problem._replace(start=RobotState(1.1, 5.0, 0.0, 2.0, 0.0))
+    outlook, controls = problem.outlook, np.full((len(problem.outlook.plan), 2), (2.0, 0.0))
+    outlook.near[:-1], outlook.plan[:] = 1, (8.0, 5.0, 2.0)
+    for k in range(len(controls)):
+        x = 6.1 + phase - 0.75 * (k + 1)
+        outlook.disc[k, 0] = x, 5.0, 0.61, 0.66, 1.5, -1.5, 0.0, math.inf, 0.81, 0, 0.66, 0.0
+    write_beyond(robot.v_max, robot.dt, outlook)
+    cost = judge(controls, problem)
+    assert cost == pytest.approx(naive.cost_of(controls, problem), rel=0.02) and cost > problem.weights.contact
 
 
 def test_a_rollout_is_given_up_as_soon_as_the_plan_shows_that_it_must_be_too_dear_and_no_sooner() -> None:
@@ -177,7 +192,7 @@ def test_what_obstacles_cost_afterwards_is_the_least_of_nine_motions(robot: Robo
         for disc in problem.outlook.disc[-1, :n]:
             disc[:2], disc[2], disc[5:7] = rng.uniform((0.0, 2.0), (4.0, 6.0)), rng.uniform(0.5, 0.7), rng.uniform(-1.4, 1.4, 2)
             disc[7], disc[8], disc[9] = rng.choice([0.7, math.inf]), disc[2] + rng.uniform(0.1, 0.6), rng.integers(3)
-        write_beyond(robot.v_max, problem.outlook)
+        write_beyond(robot.v_max, robot.dt, problem.outlook)
         harm = np.zeros(64)
         harm[:3] = rng.choice([0.0, 1.0], 3)
         state = RobotState(*rng.uniform((0.8, 3.0, -3.0), (3.0, 5.0, 3.0)), *rng.uniform((-0.3, -1.0), (0.9, 1.0)))

@@ -170,8 +170,9 @@ def test_an_outlook_is_what_its_slow_twin_finds(count: int) -> None:
             found, expected = np.delete(rows, COLUMN["owner"], axis=1), np.array([near[n][0] for n in kept])
             assert found == pytest.approx(expected.reshape(found.shape), abs=1e-6)
             around = rows[:, [COLUMN[name] for name in ("preferred", "risky", "turn_distance")]].max(axis=1, initial=0.0)
-            around += 3.0 * (bounds.v_max + np.hypot(*rows[:, 5:7].T)) * (k == steps)
-            assert beyond == pytest.approx(np.column_stack((rows[:, :2], around**2)))
+            speed = bounds.v_max + np.hypot(*rows[:, 5:7].T)
+            square = around**2 + (0.1 * speed) ** 2 if k < steps else (around + 3.0 * speed) ** 2
+            assert beyond == pytest.approx(np.column_stack((rows[:, :2], square)))
             for n, column in zip(kept, rows[:, COLUMN["owner"]].tolist()):
                 columns.setdefault(n, set()).add(column)
         assert all(len(own) == 1 for own in columns.values())

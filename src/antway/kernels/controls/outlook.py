@@ -36,17 +36,23 @@ class SpeedBounds(NamedTuple):
 
 
 @kernel
-def write_beyond(v_max: float, outlook: Outlook) -> None:
-    """Write from which distance on each obstacle of `outlook` costs a robot nothing whose top speed is `v_max` m/s."""
+def write_beyond(v_max: float, dt: float, outlook: Outlook) -> None:
+    """Write from which distance on each obstacle of `outlook` costs a robot nothing whose top speed is `v_max` m/s.
+
+    Distances are those at the end of a step of `dt` s. One that passes the obstacle within the step has been nearer: at a right
+    angle to their relative motion.
+    """
     steps = len(outlook.plan)
     for k in range(steps + 1):
         for i in range(outlook.near[k]):
             disc = near_at(outlook, k, i)
             distance = max(disc.preferred, disc.risky, disc.turn_distance)
-            if k == steps:
-                distance += (v_max + math.hypot(disc.vx, disc.vy)) * AFTERWARDS
+            speed = v_max + math.hypot(disc.vx, disc.vy)
             outlook.beyond[k, 0, i], outlook.beyond[k, 1, i] = disc.x, disc.y
-            outlook.beyond[k, 2, i] = distance * distance
+            if k < steps:
+                outlook.beyond[k, 2, i] = distance * distance + (speed * dt) ** 2
+            else:
+                outlook.beyond[k, 2, i] = (distance + speed * AFTERWARDS) ** 2
 
 
 @inner_kernel
@@ -134,7 +140,7 @@ def look_ahead(
                 place = _place_for(outlook, k, start, math.hypot(dx, dy) - contact)
                 if place >= 0:
                     set_near(outlook, k, place, disc)
-    write_beyond(v_max, outlook)
+    write_beyond(v_max, dt, outlook)
 
 
 @kernel
