@@ -192,4 +192,5 @@ def is_too_dear(limit: float, cost: float, left: int, to_go: float, plan_to_go: 
     ahead = min(left, to_go / dt)  # least number of steps to the goal
     if cost + to_go - span + progress * ahead * (to_go - 0.5 * ahead * dt) > limit:
         return True
-    return to_go > span and cost + plan_to_go - span + progress * left * (plan_to_go - 0.5 * (left + 1) * dt) > limit
+    later = progress * left * (plan_to_go - 0.5 * (left + 1) * dt) if left > 0 else 0.0  # without a plan it is -infinity
+    return to_go > span and cost + plan_to_go - span + later > limit
