@@ -84,7 +84,7 @@ def test_without_expansions_it_is_the_longest_so_far_and_then_a_stop() -> None:
 def test_where_all_arcs_touch_it_is_a_stop() -> None:
     colony = _colony(WHEELS, np.random.default_rng(1))
     colony.problem.outlook.disc[:, 0, :2] = colony.problem.start[:2]
-    write_beyond(WHEELS.v_max, colony.problem.outlook)
+    write_beyond(WHEELS.v_max, 0.1, colony.problem.outlook)
     ant = np.ones((30, 2))
     assert best_arcs(ant, colony.lattice, colony.problem) == math.inf
     assert (ant == 0.0).all()

@@ -16,6 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 
 from antway import Grid, Moves, Problem, Status, check_plan, distance_field, load_map
+from antway import grid as grids
 from antway.kernels.search.best_first import gauge
 from antway.kernels.search.jps import jump, place
 from antway.maps.movingai import load_scen
@@ -217,16 +218,16 @@ def test_changed_maps() -> None:
 def test_what_is_derived_dies_with_the_grid() -> None:
     """The data kept for a grid are freed with it."""
     gc.collect()
-    before = len(derived._KEPT)
+    before = len(grids._KEPT)
     grid = Grid(np.pad([[True]], (3, 4)))
     jps(Problem(grid, (0, 0), (7, 7)))
     solve_many(grid, [(0, 0)], [(7, 7)])
     times = iter([False, True])
     assert not hierarchy_of(grid).make(grid, SimpleNamespace(spent=lambda: next(times))), "time ran out amid the preparation"
-    assert len(derived._KEPT) == before + 1
+    assert len(grids._KEPT) == before + 1
     del grid
     gc.collect()
-    assert len(derived._KEPT) == before
+    assert len(grids._KEPT) == before
 
 
 def test_jumps() -> None:

@@ -12,6 +12,7 @@ from antway.kernels.base.records import RobotState
 from antway.kernels.controls.problem import NearObstacle, Outlook, near_at, set_near
 
 AFTERWARDS = 3.0  # s; after the end of a rollout, obstacles count for this time (kernels/controls/afterwards.py)
+_SHORT = 0.101  # s; in shorter steps whoever is met between their ends is 1 cm deep at most, at a relative speed of 2.5 m/s
 
 
 class Margins(NamedTuple):
@@ -39,8 +40,8 @@ class SpeedBounds(NamedTuple):
 def write_beyond(v_max: float, dt: float, outlook: Outlook) -> None:
     """Write from which distance on each obstacle of `outlook` costs a robot nothing whose top speed is `v_max` m/s.
 
-    Distances are those at the end of a step of `dt` s. One that passes the obstacle within the step has been nearer: at a right
-    angle to their relative motion.
+    Distances are those at the end of a step of `dt` s. One that passes the obstacle within a long step has been nearer: at a
+    right angle to their relative motion.
     """
     steps = len(outlook.plan)
     for k in range(steps + 1):
@@ -50,7 +51,7 @@ def write_beyond(v_max: float, dt: float, outlook: Outlook) -> None:
             speed = v_max + math.hypot(disc.vx, disc.vy)
             outlook.beyond[k, 0, i], outlook.beyond[k, 1, i] = disc.x, disc.y
             if k < steps:
-                outlook.beyond[k, 2, i] = distance * distance + (speed * dt) ** 2
+                outlook.beyond[k, 2, i] = distance * distance + ((speed * dt) ** 2 if dt > _SHORT else 0.0)
             else:
                 outlook.beyond[k, 2, i] = (distance + speed * AFTERWARDS) ** 2
 
