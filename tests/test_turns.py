@@ -154,13 +154,13 @@ def test_an_outlook_is_what_its_slow_twin_finds(count: int) -> None:
     rng, steps, margins = np.random.default_rng(count), 12, Margins(0.01, 0.05, 2.0, 0.8, 0.4, 0.15, 2.0)
     outlook = empty_outlook(steps)
     for _ in range(cases(5, 500)):
-        now, change = float(rng.choice([0.0, 7.3])), float(rng.choice([0.0, 0.9]))
+        now, change, dt = float(rng.choice([0.0, 7.3])), float(rng.choice([0.0, 0.9])), float(rng.choice([0.1, 0.3]))
         tracks, sigma = [_walks(rng, now, k) for k in range(count)], rng.uniform(0.0, 0.2, (count, 2))
         segments = np.vstack([np.empty((0, 8)), *tracks])
         bounds, start = SpeedBounds(0.6, 0.5, 1.0, rng.uniform(0.0, 0.5)), RobotState(*rng.uniform(-1.0, 1.0, 2), 0.0, 0.0, 0.0)
         columns: dict[int, set[float]] = {}
-        look_ahead(segments, sigma, now, 0.1, start, bounds, margins, change, outlook)
-        twin = naive_rollout.outlook_of(tracks, sigma, now, 0.1, steps, start, bounds, margins, change)
+        look_ahead(segments, sigma, now, dt, start, bounds, margins, change, outlook)
+        twin = naive_rollout.outlook_of(tracks, sigma, now, dt, steps, start, bounds, margins, change)
         for k, near in enumerate(twin):
             kept = sorted(near, key=lambda n, near=near: near[n][1])[:64]
             kept.sort(key=lambda n, near=near: near[n][0][0])
@@ -171,7 +171,8 @@ def test_an_outlook_is_what_its_slow_twin_finds(count: int) -> None:
             assert found == pytest.approx(expected.reshape(found.shape), abs=1e-6)
             around = rows[:, [COLUMN[name] for name in ("preferred", "risky", "turn_distance")]].max(axis=1, initial=0.0)
             speed = bounds.v_max + np.hypot(*rows[:, 5:7].T)
-            square = around**2 + (0.1 * speed) ** 2 if k < steps else (around + 3.0 * speed) ** 2
+            passed = dt * speed if dt > 0.1 else 0.0  # within a step that is not short
+            square = around**2 + passed**2 if k < steps else (around + 3.0 * speed) ** 2
             assert beyond == pytest.approx(np.column_stack((rows[:, :2], square)))
             for n, column in zip(kept, rows[:, COLUMN["owner"]].tolist()):
                 columns.setdefault(n, set()).add(column)
