@@ -64,7 +64,6 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(installed
         assert float(done.stdout) == 1.0 + amount
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs permissions of files")
 def test_a_chosen_folder_that_cannot_be_written_is_not_used(installed: Path, tmp_path: Path) -> None:
     """Then the usual folders keep kernels; it was a traceback of Numba's."""
     (tmp_path / "file").write_text("a file where a folder would be: not even root can write in it")

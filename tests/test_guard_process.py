@@ -26,7 +26,6 @@ from antway.policies.guard_process import GuardProcess
 from common import cases
 from guard_drives import PERIOD, drives
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork") or sys.platform == "win32", reason="needs fork and named pipes")
 TASK = Task(Grid(np.zeros((40, 40), bool), 0.25), RobotSpec(dt=PERIOD), (5.0, 5.0), (9.0, 5.0))
 
 

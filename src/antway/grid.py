@@ -17,10 +17,8 @@ from antway import checks
 from antway.errors import BadParameter, OutOfBounds
 from antway.lazy import drawing
 
-Cell = tuple[int, int]  # (row, col)
-
-
 T = TypeVar("T")
+Cell = tuple[int, int]  # (row, col)
 _KEPT: dict[int, dict[object, Any]] = {}  # what is derived from grids, by the id of their read-only array
 
 

@@ -305,7 +305,7 @@ def cycle(
 ) -> tuple[float, float, int]:
     """Return the velocity (vx, vy) that the robot is to take, m/s, and what the cycle did with the plan.
 
-    The tracks are the first `known` rows of `crowd.now`, at the time `scanned`, s, of the last scan.
+    The tracks are the first `known` rows of `crowd.tracks`, at the time `scanned`, s, of the last scan.
     """
     s, n, age, most_delay = settings, known, now - scanned, 0.0
     estimates, seen, averaged = crowd.tracks.estimates[:n], crowd.tracks.seen[:n], crowd.tracks.averaged[:n]

@@ -20,7 +20,7 @@ def _writable(folder: Path, mine: bool = True) -> bool:
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            return not (mine and hasattr(os, "getuid")) or folder.stat().st_uid == os.getuid()
+            return not mine or folder.stat().st_uid == os.getuid()
     except (OSError, RuntimeError):
         return False
 
@@ -36,11 +36,10 @@ def cache_folder() -> str:
     if not chosen and (package.parents[1] / "pyproject.toml").is_file() and _writable(package / "__pycache__"):
         return ""
     caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    user = os.getuid() if hasattr(os, "getuid") else 0
     folders = (
         package / "__pycache__" / f"kernels-{__version__}",
         Path(caches) / "antway" / __version__,
-        Path(tempfile.gettempdir()) / f"antway-{user}" / __version__,
+        Path(tempfile.gettempdir()) / f"antway-{os.getuid()}" / __version__,
     )
     return str(next((folder for folder in folders if _writable(folder)), None) or tempfile.mkdtemp(prefix="antway-"))
 
