@@ -22,14 +22,15 @@ ROBOTS = ("holonomic", "inertia", "diff", "jackal", "amr")
 
 
 class Misplaced:
-    """A policy whose robot is taken to be so many metres nearer to the wall than it is."""
+    """A policy whose robot and goal are taken to be so many metres nearer to the wall than they are."""
 
     def __init__(self, policy: AntwayPolicy, nearer: float, from_start: bool) -> None:
         self.policy, self.nearer, self.from_start = policy, nearer, from_start
 
     def reset(self, task: Task, seed: int) -> None:
         """Begin; the task's start is wrong as well, or not."""
-        x, y = task.start
+        (x, y), (to_x, to_y) = task.start, task.goal
+        task = replace(task, goal=(to_x, to_y - self.nearer))
         self.policy.reset(replace(task, start=(x, y - self.nearer)) if self.from_start else task, seed)
 
     def act(self, observation: Observation) -> Command:

@@ -174,7 +174,7 @@ def test_a_footprint_without_inertia_is_planned_for_on_the_cells_that_it_drives_
     assert told[0] == told[1]
 
 
-def test_paths_of_a_footprint_without_inertia_keep_from_walls_and_do_not_begin_in_them() -> None:
+def test_paths_of_a_footprint_without_inertia_keep_from_walls() -> None:
     """It is driven by the same colony as one with inertia, and so has the same contexts."""
     blocked = np.zeros((20, 40), np.bool_)
     blocked[:8, 18:22] = True
@@ -183,5 +183,16 @@ def test_paths_of_a_footprint_without_inertia_keep_from_walls_and_do_not_begin_i
     for at_once, slower in zip(*(contexts_for(task, Moves.THIRTY_TWO, 0.0) for task in tasks), strict=True):
         assert at_once is not None and slower is not None
         for mine, other in zip(at_once, slower, strict=True):
-            assert mine.leaves_walls is other.leaves_walls is False
             assert mine.radius == other.radius and (mine.legal == other.legal).all()
+
+
+@pytest.mark.parametrize("robot", ["inertia", "diff"])
+def test_a_robot_nearer_to_a_wall_than_its_plans_has_a_plan(robot: str) -> None:
+    """Plans keep 5 cm more from walls than rollouts do; from within them there was no first leg, and so no plan at all."""
+    blocked = np.zeros((40, 60), np.bool_)
+    blocked[:10] = True
+    task = Task(Grid(blocked, 0.1), load_robot(robot), (1.0, 3.0), (5.0, 1.8))
+    policy = AntwayPolicy()
+    policy.reset(task, seed=0)
+    policy.act(Observation(0.0, (2.5, 1.0 + task.robot.radius + 0.02), (0.0, 0.0), 0.0, Tracks.none()))
+    assert policy.explain().reason == "the path is free"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.arrays import Floats, Ints
-from antway.kernels.base.geometry import hits_walls, leads_clear
+from antway.kernels.base.geometry import leads_clear
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.spacetime.segments import TOUCH, unsafe_stay
@@ -35,7 +35,6 @@ class PlanningContext(NamedTuple):
     radius: float  # m
     speed: float  # m/s
     goal: int  # flat cell
-    leaves_walls: bool  # whether a path may begin in a wall, because the robot's place is wrong, and lead out of it
 
 
 @bare_kernel
@@ -55,10 +54,11 @@ def block_around(context: PlanningContext, x: float, y: float, cells: int) -> tu
 
 @bare_kernel
 def clear(context: PlanningContext, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Tell whether the robot can go straight from (ax, ay) to (bx, by) without contact with a wall."""
-    if context.leaves_walls:
-        return leads_clear(context.terrain, ax, ay, bx, by, context.radius)
-    return not hits_walls(context.terrain, ax, ay, bx, by, context.radius, True)
+    """Tell whether the robot can go straight from (ax, ay) to (bx, by), or out of a wall, without contact with another wall.
+
+    A path may begin in a wall, because the robot's place is wrong, or because the robot is nearer to it than paths keep.
+    """
+    return leads_clear(context.terrain, ax, ay, bx, by, context.radius)
 
 
 @bare_kernel

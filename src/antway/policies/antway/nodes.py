@@ -299,7 +299,6 @@ def make_context(
         radius=robot.radius,
         speed=robot.v_max,
         goal=node[0] * cols + node[1],
-        leaves_walls=robot.stepwise,  # the colony in the space of controls gets other robots out
     )
 
 
