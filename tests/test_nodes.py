@@ -138,6 +138,15 @@ def test_a_robot_with_wheels_fits_into_corridors_one_cell_wide(cells: int, radiu
     assert policy.state is not None and np.isfinite(policy.state.context.field).sum() > cells
 
 
+def test_a_map_with_unknown_cells_is_divided_too() -> None:
+    """Policy antway refused it, and each turned map, for robots that need finer cells."""
+    grid = Grid(np.zeros((12, 12), np.bool_), 0.5, (0.0, 0.0, 0.3)).turned()
+    assert grid.unknown is not None
+    policy, middle = AntwayPolicy(), grid.bounds().mean(axis=0)
+    policy.reset(Task(grid, load_robot("diff"), tuple(middle - 0.5), tuple(middle + 0.5)), seed=0)
+    assert policy.state is not None and policy.state.context.resolution < 0.5
+
+
 @pytest.mark.parametrize("robot", ["inertia", "diff"])
 @pytest.mark.parametrize("shape", [(1, 300_000), (300_000, 1)])
 def test_a_map_of_one_row_that_is_not_divided_is_driven_along(robot: str, shape: tuple[int, int]) -> None:

@@ -207,7 +207,7 @@ def with_fine_cells(task: Task) -> Task:
     if finer <= 1:
         return task
     cells = np.repeat(np.repeat(grid.blocked, finer, axis=0), finer, axis=1)
-    return replace(task, grid=replace(grid, blocked=cells, resolution=grid.resolution / finer))
+    return replace(task, grid=replace(grid, blocked=cells, resolution=grid.resolution / finer, unknown=None))
 
 
 def with_far_nodes(
