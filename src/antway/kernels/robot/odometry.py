@@ -37,32 +37,42 @@ def middle_heading(before: Floats, now: Floats, predicted: float) -> float:
 
 
 @bare_kernel
+def _beside(ahead: float, left: float, a: float, b: float, more_a: float, more_b: float) -> tuple[float, float]:
+    """Return how far the velocity (ahead, left) is from the nearest of those from (a, b) to (a + more_a, b + more_b), m/s."""
+    square = more_a * more_a + more_b * more_b
+    part = min(max(((ahead - a) * more_a + (left - b) * more_b) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    return ahead - a - part * more_a, left - b - part * more_b
+
+
+@bare_kernel
 def compare_speeds(
     before: Floats, now: Floats, predicted: RobotState, holonomic: bool, memory: float, odometry: Floats
 ) -> None:
     """Add the errors of measured speeds, of the velocity between the two places before, and of the speeds that are predicted.
 
     Each is compared with the velocity between the last two places, from the observation `before` to that of `now`. Measured
-    speeds have no error if it lies between those before and now, as far as these lead along the chord of an arc. `predicted` is
-    where the robot as it is declared would be now if it was at (0, 0), with the heading 0, before, and had always followed its
-    commands. `memory` is the share in (0, 1] of the earlier errors that is kept, and `odometry` what is known of the errors:
-    zeros at first, and no number for LAST_X.
+    speeds have no error if it lies between those before and now, as far as these lead along the chord of an arc, or as far
+    beside them as is predicted: a command that begins to act within the period may lead there. `predicted` is where the robot
+    as it is declared would be now if it was at (0, 0), with the heading 0, before, and had always followed its commands.
+    `memory` is the share in (0, 1] of the earlier errors that is kept, and `odometry` what is known of the errors: zeros at
+    first, and no number for LAST_X.
     """
     passed, heading = now[T] - before[T], 0.0 if holonomic else middle_heading(before, now, predicted.theta)
     c, s = math.cos(heading), math.sin(heading)
     vx, vy = (now[X] - before[X]) / passed, (now[Y] - before[Y]) / passed
     ahead, left = c * vx + s * vy, c * vy - s * vx
     a, b, more_a, more_b = before[A], before[B], now[A] - before[A], now[B] - before[B]
-    led_a, led_b = predicted.x / passed, predicted.y / passed
+    was_a, was_b = odometry[PREDICTED_A], odometry[PREDICTED_B]
+    led_a, led_b, grown_a, grown_b = predicted.x / passed, predicted.y / passed, predicted.a - was_a, predicted.b - was_b
     if not holonomic:
-        b, more_b, led_a, led_b = 0.0, 0.0, chord(predicted) / passed, 0.0
+        b, more_b, was_b, grown_b, led_a, led_b = 0.0, 0.0, 0.0, 0.0, chord(predicted) / passed, 0.0
         half = heading - before[HEADING]
         shorter = math.sin(half) / half if half != 0.0 else 1.0  # a chord than its arc
-        a, more_a = a * shorter, more_a * shorter
-    more = more_a * more_a + more_b * more_b
-    part = min(max(((ahead - a) * more_a + (left - b) * more_b) / more, 0.0), 1.0) if more > 0.0 else 0.0
+        a, more_a, was_a, grown_a = a * shorter, more_a * shorter, was_a * shorter, grown_a * shorter
     if not math.isnan(odometry[LAST_X]):
-        measured = math.hypot(ahead - a - part * more_a, left - b - part * more_b)
+        beside_a, beside_b = _beside(ahead, left, a, b, more_a, more_b)
+        as_led_a, as_led_b = _beside(led_a, led_b, was_a, was_b, grown_a, grown_b)
+        measured = min(math.hypot(beside_a, beside_b), math.hypot(beside_a - as_led_a, beside_b - as_led_b))
         between = math.hypot(vx - odometry[LAST_X], vy - odometry[LAST_Y])
         odometry[MEASURED] = memory * odometry[MEASURED] + measured
         odometry[BETWEEN] = memory * odometry[BETWEEN] + between
