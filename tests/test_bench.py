@@ -15,6 +15,7 @@ import time
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -292,7 +293,7 @@ def test_policies_by_name_module_and_option():
     """A policy is found by name or as MODULE:CLASS, with options in their own types."""
     assert type(make_policy("test_bench:Raises")) is Raises
     assert make_policy("sipp/margin=0.1/predictions=mirrored").margin == 0.1
-    for spec in ("", "nobody", "sipp/", "test_bench:Nothing"):
+    for spec in ("", "nobody", "sipp/", "test_bench:Nothing", "os:getcwd"):
         with pytest.raises(BadParameter, match="policy"):
             make_policy(spec)
 
@@ -386,6 +387,13 @@ def test_no_interval_of_a_ratio_is_below_nought():
     assert one.time_ratio_interval == (0.0, pytest.approx(1.5 + 0.3 * 12.7062, rel=1e-5))
 
 
+def test_a_goal_within_the_tolerance_of_the_start_spoils_no_interval():
+    """The time over its optimum, 0 / 0, counts neither for the mean nor for its interval."""
+    rows = [Row("s", f"e{k}", "p", k, "0", "g", "reached", "", time=0.6 * k, bound=0.5 * k) for k in range(3)]
+    (one,) = summarise(rows)
+    assert one.time_ratio == 1.2 and one.time_ratio_interval == (1.2, 1.2)
+
+
 def test_few_times_have_no_rank():
     """A policy that reached the goal nine times is significantly slower than nobody, and is not first for that."""
     often, seldom, ten = np.linspace(1.0, 1.1, 30), np.where(np.arange(30) < 9, 1.5, math.nan), np.arange(30) < 10
@@ -419,6 +427,52 @@ def test_a_process_that_dies_after_its_answer_is_replaced(monkeypatch: pytest.Mo
     jobs = table_jobs(episodes("synthetic", 1)[:3], ["follow"])
     rows = [row for row, _ in local(iter(jobs), 1, 60.0)]
     assert [row.key for row in rows] == [job.key for job in jobs] and all(row.outcome != "error" for row in rows)
+
+
+def test_no_more_processes_than_workers_play_and_none_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each plays on while there are jobs, and one that reports a compiled kernel is heard again."""
+    begun, stopped = [], []
+
+    class Worker:
+        def __init__(self, job: int, timeout: float) -> None:
+            (self.pipe, self.far), self.process = multiprocessing.Pipe(), SimpleNamespace(is_alive=lambda: True)
+            begun.append(self)
+            self.give(job)
+
+        def give(self, job: int) -> None:
+            self.job, self.deadline = job, time.monotonic() + 60.0
+            for answer in (None, (job, "")):
+                self.far.send(answer)
+
+        def collect(self) -> object:
+            return self.pipe.recv()
+
+        def stop(self) -> None:
+            stopped.append(self)
+
+    monkeypatch.setattr(engines, "_Worker", Worker)
+    for workers in (1, 3, 20):
+        begun.clear()
+        stopped.clear()
+        assert sorted(job for job, _ in local(iter(range(10)), workers, 60.0)) == list(range(10))  # type: ignore[arg-type]
+        assert len(begun) == min(workers, 10) and set(stopped) == set(begun)
+
+
+def test_compiling_does_not_count_as_the_time_of_a_policy() -> None:
+    """Each report of a compiled kernel starts the time limit again."""
+    worker, (ours, theirs) = _Worker.__new__(_Worker), multiprocessing.Pipe()
+    worker.pipe, worker.timeout = ours, 60.0  # type: ignore[assignment]
+    worker.give(Job(episodes("synthetic", 1)[0], "follow"))
+    worker.deadline -= 50.0
+    theirs.send(None)
+    assert worker.collect() is None and 59.0 < worker.deadline - time.monotonic() <= 60.0
+
+
+def test_a_time_limit_may_be_of_any_length() -> None:
+    """The bench used to end with an OverflowError from 25 days on."""
+    jobs = table_jobs(episodes("synthetic", 1)[:1], ["follow"])
+    ((row, _),) = local(iter(jobs), 1, 1e300)
+    assert row.key == jobs[0].key and row.outcome != "error"
 
 
 def test_an_answer_that_came_while_others_were_written_counts() -> None:

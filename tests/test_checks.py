@@ -142,6 +142,7 @@ def test_messages_are_of_one_line() -> None:
         (lambda: checks.integer("a", 0, low=1), "a = 0: must be an integer >= 1"),
         (lambda: checks.integer("a", 0, low=1, high=3), "a = 0: must be an integer in [1, 3]"),
         (lambda: checks.integer("a", 2**63), f"a = {2**63}: must be an integer in [{-(2**63)}, {2**63 - 1}]"),
+        (lambda: checks.number("a", 10**5000), "a = <int>: must be a finite number"),  # Python prints up to 4300 digits
         (lambda: checks.array("a", np.zeros((2, 2)), (None,)), "a.shape = (2, 2): must be N"),
         (lambda: checks.array("a", np.zeros(2), (None, 2)), "a.shape = (2,): must be Nx2"),
         (lambda: checks.point("a", (1.0, math.nan), where="here"), "here: a[1] = nan: must be a finite number"),

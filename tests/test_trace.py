@@ -86,6 +86,12 @@ def test_a_file_gives_back_every_bit(tmp_path: Path) -> None:
     assert not Trace.load(tmp_path / "untimed.json").cycle_ms.any() and trace.cycle_ms.any()
 
 
+@pytest.mark.parametrize("path", [None, 5, b"trace.json"])
+def test_what_is_no_path_is_refused(path: object) -> None:
+    with pytest.raises(BadScenario, match="a path"):
+        Trace.load(path)  # type: ignore[arg-type]
+
+
 def test_traces_of_version_1_are_read(tmp_path: Path) -> None:
     """Version 1 told of policy antway the time to the goal and its bound: what the plan loses to that is kept."""
     path = tmp_path / "trace.json"

@@ -80,7 +80,10 @@ def _shown(value: object) -> str:
         return f"({', '.join(map(_shown, value))}{',' if len(value) == 1 else ''})"
     if type(value) is list and len(value) < 100:
         return f"[{', '.join(map(_shown, value))}]"
-    return " ".join(repr(value).split())  # arrays are of several lines
+    try:
+        return " ".join(repr(value).split())  # arrays are of several lines
+    except ValueError:  # an integer of more digits than Python prints
+        return f"<{type(value).__name__}>"
 
 
 class BadMap(BadInput):

@@ -158,7 +158,8 @@ def local(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]
             if not busy:
                 return
             first = min(worker.deadline for worker in busy)
-            ready = wait([worker.pipe for worker in busy], max(first - time.monotonic(), 0.0))
+            seconds = min(max(first - time.monotonic(), 0.0), 1e6)  # a call that waits for longer is an error
+            ready = wait([worker.pipe for worker in busy], seconds)
             for worker in list(busy):
                 answer = None
                 if worker.pipe in ready or worker.pipe.poll():  # an answer may have come while others were written

@@ -20,7 +20,7 @@ class Summary:
     """The results of a policy on one level of difficulty, or on all levels (level "").
 
     Time ratio, time, path ratio and clearance are means over the episodes that reached the goal; discomfort, side changes and
-    jerk are means over all. The time ratio leaves out episodes whose optimum does not arrive or is unknown.
+    jerk are means over all. The time ratio leaves out episodes whose optimum does not arrive, takes no time or is unknown.
     """
 
     level: str
@@ -69,7 +69,7 @@ def summarise(rows: Sequence[Row], policies: Sequence[str] | None = None) -> lis
 def _summary(level: str, policy: str, rows: Sequence[Row]) -> Summary:
     outcomes = [row.outcome for row in rows]
     reached = [row for row in rows if row.reached]
-    bound = [row for row in reached if math.isfinite(row.bound)]
+    bound = [row for row in reached if 0.0 < row.bound < math.inf]
     ratios = metrics.time_ratio([row.time for row in bound], [row.bound for row in bound])
     low, high = metrics.mean_interval(ratios)
     return Summary(

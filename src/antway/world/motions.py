@@ -184,7 +184,7 @@ class Replay:
         t = checks.array("t", self.t, (len(self.points),))
         if (np.diff(t) <= 0).any():
             raise BadParameter("t", float(t[int(np.argmax(np.diff(t) <= 0)) + 1]), "increasing (s)")
-        checks.number("t", float(np.abs(t).max()), high=MAX_TIME, unit="s")
+        checks.number("t", float(t[np.abs(t).argmax()]), low=-MAX_TIME, high=MAX_TIME, unit="s")
         with np.errstate(divide="ignore", over="ignore"):
             speeds = np.hypot(*np.diff(np.array(self.points), axis=0).T) / np.diff(t)
         checks.number("points", float(speeds.max(initial=0.0)), high=MAX_SPEED, infinite=True, unit="m/s between two of them")

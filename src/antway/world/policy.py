@@ -443,7 +443,7 @@ def make_policy(name: str, **options: Any) -> Policy:
     kind = find("policy", name, POLICIES, "antway.policies")
     check_options(name, kind, options)
     try:
-        return cast(Policy, kind(**options))
+        return as_policy(kind(**options))
     except BadInput:
         raise
     except (Exception, SystemExit) as error:  # whatever a policy raises

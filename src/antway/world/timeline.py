@@ -59,8 +59,9 @@ class Timeline:
             raise BadScenario("timeline.radius", self.radius.tolist(), "finite and > 0 (m)")
         if self.first[0] != 0 or self.first[-1] != knots or (np.diff(self.first) < 1).any():
             raise BadScenario("timeline.first", self.first.tolist(), f"increasing from 0 to {knots}")
-        if not (np.isfinite(self.knot_t).all() and np.isfinite(self.knot_xy).all()):
-            raise BadScenario("timeline.knot_xy", "a number that is not finite", "finite throughout (s, m)")
+        for name, unit in (("knot_t", "s"), ("knot_xy", "m")):
+            if not np.isfinite(getattr(self, name)).all():
+                raise BadScenario(f"timeline.{name}", "a number that is not finite", f"finite throughout ({unit})")
         rising = np.diff(self.knot_t) > 0
         rising[self.first[1:-1] - 1] = True
         if not rising.all():

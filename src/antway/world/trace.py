@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
+from antway.errors import BadScenario
 from antway.world.policy import Decision, Task
 from antway.world.stops import Rounds
 from antway.world.timeline import Timeline
@@ -161,6 +163,8 @@ class Trace:
         BadScenario, TooLarge
             If the file cannot be read as a trace (the error names the key), or exceeds the limit.
         """
+        if not isinstance(path, (str, PathLike)):
+            raise BadScenario("path", path, "a path")
         fields = read_fields(Path(path))
         outcome = checks.choice("outcome", fields["outcome"], [o.value for o in Outcome], where=str(path))
         return Trace(**fields | {"outcome": Outcome(outcome)})
