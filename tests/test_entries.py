@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, BadScenario, Command, Grid, RobotSpec, Scenario, World, check_episode, load_scenario, run
-from antway.arena.causes import by_cause, cause, with_cause
+from antway.arena.causes import by_cause, cause, errors, with_cause
 from antway.arena.store import Row
 from antway.baselines.replan import Follow
 from antway.world.entries import NEAR
@@ -172,14 +172,14 @@ def test_causes_by_hand(velocity, others, said):
     courses = [(t - 0.5 + line, np.array(xy) + np.outer(line - 0.5, v)) for xy, v in people]
     timeline = Timeline.of(range(len(people)), [0.4, *[0.3] * (len(people) - 1)], courses)
     task = SimpleNamespace(robot=RobotSpec(radius=0.2), goal=(9.0, 2.0), obstacle_speed=1.5)
-    ends = np.array([[0.0, 0.0], [2.0, 2.0]])
+    ends = np.array([[0.0, 0.0], [9.0, 9.0], [2.0, 2.0]])
     trace = SimpleNamespace(
         outcome=Outcome.HIT_MOVING,
         timeline=timeline,
         task=task,
-        t=np.array([0.0, t]),
+        t=np.array([0.0, 0.5 * t, t]),
         xy=ends,
-        heading=np.zeros(2),
+        heading=np.zeros(3),
         reason="hit",
     )
     assert cause(trace) == said and with_cause(trace) == f"hit; {said}"
@@ -209,4 +209,7 @@ def test_causes_tell_who_touched_the_robot():
             ]
         )
     ]
-    assert by_cause(rows) == {"error": 2, "hit-moving: one alone, from ahead": 2, "no path at all": 1, "timeout": 1}
+    counts = [("error", 2), ("hit-moving: one alone, from ahead", 2), ("no path at all", 1), ("timeout", 1)]
+    assert list(by_cause(rows).items()) == counts
+    (line,) = errors([replace(row, policy="q") if row.outcome == "reached" else row for row in rows])
+    assert line == "policy p failed in 2 of 6 episodes; first: p at 3 s: ValueError: no; never"
