@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from antway import BadInput, BadScenario, Grid, Outcome, RobotSpec, Task, TimedP
 from antway.world.policy import Decision
 from antway.world.timeline import Timeline
 from antway.world.trace import Trace
+from antway.world.tracefile import _pack
 from common import cases
 
 
@@ -26,9 +28,10 @@ def sample(seed: int = 0) -> Trace:
         obstacle=3,
         local_target=(1.5, 2.0),
         path=TimedPath(np.array([0.0, 1.0]), rng.random((2, 2))),
-        alternatives=(("wait", math.inf), ("avoid", 0.1)),
+        alternatives=(("wait", math.inf), ("avoid", np.float32(0.5))),
         pheromone=(1, 2, rng.random((3, 4)).astype(np.float32)),
         history=rng.random((2, 4)),
+        predicted=rng.random((2, 7)).astype(np.float32),
     )
     return Trace(
         Task(Grid(rng.random((5, 6)) < 0.3, 0.5), RobotSpec(), (1.0, 1.0), (2.0, 2.0)),
@@ -198,6 +201,51 @@ def test_wrong_values_are_named(tmp_path: Path, key: str, value: object) -> None
     with pytest.raises(BadInput, match=key) as caught:
         Trace.load(path)
     assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *(
+            ("rounds.visits[0]", wrong)
+            for wrong in ([1, 0.0, 0.0, 1.0], [-1, 0.0, 0.0, 1.0], [0, 0.0, 1.0], [0, 0.0, "1", 1.0])
+        ),
+        *(("rounds.turns[0]", wrong) for wrong in ([0.0, [1], ""], [0.0, [-1], ""], [0.0, [0]], ["0", [0], ""], [0.0, [0], 1])),
+        *(("rounds.stops[0].window", wrong) for wrong in ([0.0], [2.0, 1.0], 1.0)),
+        *(("decisions[1].step", wrong) for wrong in (-1, 7, True, 1.0)),
+        *(("decisions[1].path.t", wrong) for wrong in ([0.0], [0.0, "nan"], 1.0)),
+        *(("decisions[1].path.xy", wrong) for wrong in ([[0.0, 1.1e10], [0.0, 0.0]], [[0.0], [0.0]])),
+        *(("decisions[1].predicted", [[0.0] * 7]), ("decisions[1].predicted", _pack(np.zeros((2, 6), np.float32)))),
+        ("decisions[1].predicted", _pack(np.full((1, 7), math.nan, np.float32))),
+        *(("decisions[1].history", [[0.0] * 3]), ("decisions[1].obstacle", 1.5), ("decisions[1].gap", "far")),
+        *(
+            ("config.horizon", -1.0),
+            ("config.sensor", []),
+            ("config.sensor", {"occlusion": 1}),
+            ("timeline.radius", [0.3, 0.0]),
+        ),
+        *(("heading", [0.0] * 6), ("heading", [1.1e10] * 7), ("command", [[0.0, 0.0]] * 7), ("turn_rate", [0.0] * 6)),
+        *(("cycle_ms", [0.0] * 7), ("task.robot.drive", 1), ("task.robot.dt", 0.0), ("task.robot.latency", "long")),
+    ],
+)
+def test_wrong_parts_are_named(tmp_path: Path, key: str, value: object) -> None:
+    """Wherever they are; a visit is of one of the stops, and a decision of one of the steps."""
+    path = tmp_path / "trace.json"
+    sample().save(path)
+    record = json.loads(path.read_text())
+    stops = [{"at": [1.0, 2.0], "name": "desk", "window": [0.0, None], "service": 0.0}]
+    record["rounds"] = {"stops": stops, "visits": [[0, 0.0, 0.0, 1.0]], "turns": [[0.0, [0], "first"]]}
+    path.write_text(json.dumps(record))
+    assert Trace.load(path).rounds is not None
+    *way, last = [int(part) if part.isdecimal() else part for part in re.findall(r"\w+", key)]
+    part = record
+    for name in way:
+        part = part[name]
+    part[last] = value
+    path.write_text(json.dumps(record))
+    with pytest.raises(BadInput) as caught:
+        Trace.load(path)
+    assert re.search(rf"trace\.json: (task\.)?{re.escape(key.removesuffix('.t').removesuffix('.xy'))}", str(caught.value))
 
 
 @pytest.mark.parametrize("wrong", ["inf", "nan", 1e300, 2**53 + 1, 0.5])
