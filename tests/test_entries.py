@@ -13,7 +13,7 @@ from antway import BadParameter, BadScenario, Command, Grid, RobotSpec, Scenario
 from antway.arena.causes import by_cause, cause, errors, with_cause
 from antway.arena.store import Row
 from antway.baselines.replan import Follow
-from antway.world.entries import NEAR
+from antway.world.entries import NEAR, _detour
 from antway.world.motions import Pursue, Replay, place_at
 from antway.world.scenario import save_scenario
 from antway.world.sensor import Sensor
@@ -137,6 +137,21 @@ def test_who_comes_back_does_not_pass_through_the_robot() -> None:
     t, xy = (0.0, 2.0, 3.05, 3.09), ((2.0, 8.8), (2.0, 6.8), (2.0, 6.8), (4.0, 5.9995))
     result, seen = play(Obstacle(0.3, Replay(t, xy, 2.0)), speed=0.0)
     assert result.outcome is Outcome.TIMEOUT and {len(tracks) for _, tracks in seen} == {0, 1}
+
+
+def test_who_comes_back_from_far_off_stays_far_off_until_straight_ahead() -> None:
+    """From whatever side, and to whatever side of the robot."""
+    for start in 1000.0 * directions(73):
+        for end in 1.5 * directions(16):
+            path = np.vstack((start, _detour(start, end)))
+            along = path[:-1, None] + np.linspace(0.0, 1.0, 50)[:, None] * np.diff(path, axis=0)[:, None]
+            assert np.hypot(*np.moveaxis(along, 2, 0)).min() > 700.0 and path[-1] == pytest.approx(end / 0.0015)
+
+
+def directions(count: int) -> np.ndarray:
+    """Unit vectors all around."""
+    angle = np.linspace(-math.pi, math.pi, count)
+    return np.column_stack((np.cos(angle), np.sin(angle)))
 
 
 def test_when_a_record_begins_is_kept_in_a_file_and_checked(tmp_path):
