@@ -90,10 +90,10 @@ def objective(fleet: Fleet, r: FleetRoutes) -> tuple[float, float]:
     for k in range(len(r.sizes)):
         cost += fleet.sum_weight * r.travel[k]
         for p in range(r.sizes[k]):
-            if r.ready[k, p] > fleet.closes[r.stops[k, p]] + NEAR * (1.0 + r.ends[k]):
+            before, stop = r.stops[k, max(p - 1, 0)], r.stops[k, p]
+            if r.ready[k, p] > fleet.closes[stop] + NEAR * (1.0 + r.ends[k]):
                 cost = np.inf
-        for p in range(1, r.sizes[k]):
-            extra = fleet.cost[r.stops[k, p - 1], r.stops[k, p]] - fleet.time[r.stops[k, p - 1], r.stops[k, p]]
+            extra = fleet.cost[before, stop] - fleet.time[before, stop]
             cost += fleet.sum_weight * extra
             gaps += extra > 0.0
         last = max(last, r.ends[k])
