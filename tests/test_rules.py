@@ -11,7 +11,7 @@ from scipy.stats import chisquare
 
 from antway import BadParameter
 from antway.ants.colony import Colony
-from antway.ants.persistence import Constant
+from antway.ants.persistence import Adaptive, ByQuality, Constant, Decay
 from antway.ants.rules import (
     RULES,
     AntColonySystem,
@@ -76,21 +76,36 @@ def test_one_step_by_hand(rule, expected):
     assert np.abs([tau[frozenset(pair)] for pair in PAIRS] - np.array(expected)).max() <= 1e-12
 
 
-@pytest.mark.parametrize("rule", [*RULES, MaxMinAntSystem(choices=3.0)], ids=str)
+MORE = [AntSystem(persistence=policy) for policy in (Adaptive(), Decay(0.9, 0.8, 0.3), ByQuality(0.2, 0.9, 0.3))]
+MORE += [
+    MaxMinAntSystem(choices=3.0),
+    MaxMinAntSystem(persistence=Constant(0.9999)),
+    MaxMinAntSystem(schedule=((0, 4), (20, 3), (40, 1))),
+    MaxMinAntSystem(restart=5, schedule=((0, 3), (4, 2))),
+]
+
+
+@pytest.mark.parametrize("rule", [*RULES, *MORE], ids=str)
 def test_many_steps_like_the_twin(rule):
-    """Over 60 cycles of random tours each rule's pheromone follows the naive one, to a relative 1e-12."""
+    """Over 60 cycles of random tours each rule's pheromone follows the naive one, to a relative 1e-12, restarts included."""
     dice = np.random.default_rng(3)
     places = dice.random((7, 2))
     colony = Colony(Tsp(places), make_rule(rule, ants=4), candidates=6)
-    tau, best = pheromone(colony), (np.inf, None)
+    tau, best, began, improved, restart = pheromone(colony), (np.inf, None), 0, 0, getattr(rule, "restart", 1000)
     for cycle in range(60):
-        tours = [dice.permutation(7).tolist() for _ in range(4)]
+        if cycle < 40:  # then the colony stands still
+            tours = [dice.permutation(7).tolist() for _ in range(4)]
         lengths = [colony.instance.length(tour) for tour in tours]
+        improved = cycle if min(lengths) < best[0] else improved
         best = min(best, min(zip(lengths, tours)))
         colony.tell(tours, lengths)
-        tau = naive.step(colony.rule, tau, tours, lengths, cycle, best)
+        tau = naive.step(colony.rule, tau, tours, lengths, cycle - began, best)
+        if cycle - improved >= restart:  # all pheromone is at its upper limit, and the best so far no longer deposits
+            tau = dict.fromkeys(tau, 1 / (0.02 * best[0]))
+            best, began, improved = (np.inf, None), cycle + 1, cycle + 1
         found = pheromone(colony)
         assert max(abs(found[e] / tau[e] - 1) for e in tau) <= 1e-12
+    assert (began > 0) == (restart < 1000)
 
 
 def test_probabilities_by_hand():
@@ -101,6 +116,9 @@ def test_probabilities_by_hand():
     kernel.combine(colony.state.tau, colony.state.eta, 2.0, weight, colony.state.row_sum)
     expected = np.array([4 / 3, 1 / 4, 9 / 5]) / (4 / 3 + 1 / 4 + 9 / 5)
     assert np.abs(weight[0] / colony.state.row_sum[0] - expected).max() <= 1e-12
+    for scale in (1e-140, 1e140):  # only the ratios of pheromone count
+        kernel.combine(scale * colony.state.tau, colony.state.eta, 2.0, colony.state.weight, colony.state.row_sum)
+        assert colony.state.weight[0] / colony.state.row_sum[0] == pytest.approx(expected, rel=1e-6)
 
 
 def test_heuristic_is_one_over_distance():
@@ -119,6 +137,7 @@ def test_initial_pheromone_is_the_books():
     """Table 3.1 for 10 ants, 20 cities and a tour of 50, with the evaporation 1 - persistence in place of rho."""
     expected = {"as": 10 / 50, "eas": 20 / (0.5 * 50), "rank": 0.5 * 6 * 5 / (0.1 * 50), "acs": 1 / (20 * 50)}
     assert {name: make_rule(name).initial(10, 20, 50.0) for name in expected} == pytest.approx(expected)
+    assert RankBasedAntSystem(ranks=1).initial(10, 20, 50.0) == pytest.approx(0.5 / (0.1 * 50))
     mmas = Colony(Tsp(matrix=FOUR), candidates=3)  # whose tour by greed is 14 long
     assert mmas.state.tau == pytest.approx(1 / (0.02 * 14))
 
@@ -148,6 +167,9 @@ def test_roulette_frequencies(q0, came):
     weight = np.random.default_rng(1).random((1, k)).astype(np.float32)
     near = np.arange(1, k + 1, dtype=np.uint32).reshape(1, k)
     left = (np.arange(k + 1) >= 5).astype(np.float32)  # cities 1 to 4 are visited
+    sums = np.empty(k, dtype=np.float32)
+    ends = [kernel.choose(weight, near, left, 0, False, np.float32(share), sums) for share in (0.0, 1.0 - 2.0**-23)]
+    assert ends == [4, k - 1]
     state = np.array([rng.stream(np.uint64(7), np.uint64(0))])
     counts = roulette(weight, near, left, q0, came, state, 1_000_000)
     odds = np.where(near[0] >= 5, weight[0].astype(float), 0.0)
@@ -158,13 +180,17 @@ def test_roulette_frequencies(q0, came):
 
 def test_local_update_of_acs():
     """ACS: an edge taken by one ant keeps (1 - xi) tau + xi tau_0, at both ends, the edge that closes its tour as well."""
-    colony = colony_of(AntColonySystem(xi=0.25, ants=1), ants=1)
+    colony = Colony(Tsp(np.random.default_rng(6).random((9, 2))), AntColonySystem(xi=0.25, ants=1, alpha=2.0), candidates=8)
+    colony.state.tau[:] = 1.0
     first = colony.state.record[kernel.TAU_0]
     (tour,) = colony.ask().tolist()
     tau = pheromone(colony)
     taken = {frozenset(pair) for pair in pairwise([*tour, tour[0]])}
     for edge, value in tau.items():
         assert abs(value - (0.75 + 0.25 * first if edge in taken else 1.0)) <= 1e-12
+    odds, state = colony.state.weight.copy(), colony.state
+    kernel.combine(state.tau, state.eta, 2.0, state.weight, state.row_sum)  # up to a factor for each city
+    assert odds / odds[:, :1] == pytest.approx(state.weight / state.weight[:, :1], rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from antway.ants.colony import Colony
+from antway.ants.rules import AntColonySystem
 from antway.ants.tsp import Tsp, solve_tsp
 from antway.kernels.colony import local_search as search
 from antway.kernels.colony import tour as kernel
@@ -84,20 +85,38 @@ def test_computed_and_tabled_distances_agree():
     assert kernel.length(cities.metric, order) == kernel.length(tabled.metric, order)
 
 
-def test_walk_like_the_twin():
-    """An ant's tour is the naive roulette's, draw by draw, also where candidates run out."""
+@pytest.mark.parametrize("rule", ["mmas", AntColonySystem(q0=0.5, xi=0.0), AntColonySystem(q0=0.5, xi=1e-300)], ids=str)
+def test_walk_like_the_twin(rule):
+    """An ant's tour is the naive roulette's, draw by draw, also where candidates run out; the local update here is tiny."""
     dice = np.random.default_rng(8)
     for case in range(cases(30, 300)):
         n = int(dice.integers(5, 30))
         instance = Tsp(random_places(dice, n) + dice.random((n, 2)))
-        colony = Colony(instance, ants=3, candidates=int(dice.integers(1, n)), seed=case)
+        colony = Colony(instance, rule, ants=3, candidates=int(dice.integers(1, n)), seed=case)
         state = colony.state
         state.tau[:] = dice.random(state.tau.shape) + 0.01
         tours = colony.ask()
         matrix = tour.table("EUCLID", instance.xy.tolist())
         for ant in range(3):
-            assert tours[ant].tolist() == ants.walk(matrix, colony.candidates, state.weight, case, ant)
+            how = colony.numbers.q0, colony.numbers.xi == 0.0
+            assert tours[ant].tolist() == ants.walk(matrix, colony.candidates, state.weight, case, ant, *how)
             assert state.lengths[ant] == pytest.approx(tour.length(matrix, tours[ant]), rel=1e-12)
+
+
+def test_of_equally_near_cities_the_least_number_is_next():
+    """On a lattice with many ties; of cities in the same place it is the next one in their order."""
+    dice = np.random.default_rng(4)
+    for _ in range(cases(20, 200)):
+        n = int(dice.integers(4, 30))
+        xy = dice.integers(0, 4, (n, 2)).astype(float)
+        cities, left = Tsp(xy).cities(1), (dice.random(n) < 0.6).astype(np.float32)
+        for i in np.flatnonzero(left == 0.0):
+            others = [j % n for j in range(i + 1, i + n) if left[j % n] > 0.0]
+            away = {j: float(np.hypot(*(xy[i] - xy[j]))) for j in others}
+            if others:
+                j, least = tsp.nearest_left(cities, left, np.uint32(i))
+                wanted = min(others, key=lambda j: (away[j], j if away[j] else others.index(j)))
+                assert (j, least) == (wanted, away[wanted])
 
 
 @pytest.mark.parametrize("breadth", [0, 5])
@@ -157,6 +176,24 @@ def test_undo_restores_the_tour():
         }
 
 
+def test_a_double_bridge_puts_three_parts_in_reverse_order():
+    """Its gain is the difference in length, and undone it leaves the closed tour as it was."""
+    dice = np.random.default_rng(15)
+    for _ in range(cases(50, 500)):
+        n = int(dice.integers(8, 40))
+        instance = Tsp(dice.random((n, 2)))
+        cities, work, order = instance.cities(5), search.workspace(n, 50), dice.permutation(n).astype(np.uint32)
+        p, (b, c, d) = int(dice.integers(n)), np.sort(1 + dice.choice(n - 2, 3, replace=False)).tolist()
+        search.set_tour(work, order)
+        gain = tsp.bridge(cities, work, p, b, c, d)
+        old = np.roll(order, -p).tolist()
+        new = old[:1] + old[c + 1 : d + 1] + old[b + 1 : c + 1] + old[1 : b + 1] + old[d + 1 :]
+        assert set(ants.tour_edges(work.order.tolist())) == set(ants.tour_edges(new))
+        assert gain == pytest.approx(instance.length(old) - instance.length(new), abs=1e-12)
+        search.undo(work)
+        assert set(ants.tour_edges(work.order.tolist())) == set(ants.tour_edges(old))
+
+
 @pytest.mark.parametrize("options", [{}, {"local_search": "2opt"}, {"local_search": "3opt", "focused": True}])
 def test_small_instances_are_solved(options):
     """Up to eight cities the ants find what trying all tours finds."""
@@ -171,16 +208,18 @@ def test_small_instances_are_solved(options):
 
 
 def test_focused_changes_keep_the_books():
-    """A focused ant's length is that of its tour after every cycle, and never rises."""
+    """A focused ant's length is that of its tour after every cycle, never rises, and falls in the end."""
     instance = Tsp(np.random.default_rng(14).random((150, 2)) * 1000, metric="EUC_2D")
     colony = Colony(instance, ants=3, candidates=8, options=tsp.LocalSearchOptions(5, 150, 100, 30))
-    before = np.full(3, np.inf)
+    colony.run(1, np.empty((1, 2)))
+    first = before = colony.state.lengths.copy()
     for _ in range(cases(20, 200)):
         colony.run(1, np.empty((1, 2)))
         lengths = [instance.length(order) for order in colony.state.orders]
         assert lengths == colony.state.lengths.tolist()
         assert (colony.state.lengths <= before).all()
         before = colony.state.lengths.copy()
+    assert (before < first).all()
 
 
 @pytest.mark.parametrize("anew", [0, 1, 2, 4])

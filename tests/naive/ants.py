@@ -27,10 +27,11 @@ class Stream:
         return mix(self.state)
 
 
-def walk(matrix, near, weight, seed, index):
-    """One ant's tour by roulette over the candidates.
+def walk(matrix, near, weight, seed, index, q0=0.0, guess=True):
+    """One ant's tour by roulette over the candidates, with probability q0 the candidate of largest weight instead.
 
     First over all but the city it came from; if that draws a visited one, over those not visited; else the nearest city left.
+    Without `guess` the first of these draws is left out.
     """
     stream = Stream(seed, index)
     n = len(matrix)
@@ -41,23 +42,27 @@ def walk(matrix, near, weight, seed, index):
         came = [c for c in range(len(near[i])) if c not in others]
         whole = sum(float(w) for w in weight[i])
         rest = whole - sum(float(weight[i][c]) for c in came)
-        draw = (stream.bits() >> 11) * 2.0**-53 * rest
-        guess = None
-        for c in others:
-            draw -= float(weight[i][c])
-            if draw < 0.0:
-                guess = int(near[i][c])
-                break
-        if guess is not None and rest >= 1e-9 * whole and guess not in order:
-            order.append(guess)
-            continue
+        greedy = q0 > 0.0 and (stream.bits() >> 11) * 2.0**-53 < q0
+        if guess and not greedy:
+            draw = (stream.bits() >> 11) * 2.0**-53 * rest
+            drawn = None
+            for c in others:
+                draw -= float(weight[i][c])
+                if draw < 0.0:
+                    drawn = int(near[i][c])
+                    break
+            if drawn is not None and rest >= 1e-9 * whole and drawn not in order:
+                order.append(drawn)
+                continue
         sums, total = [], np.float32(0.0)
         for c, j in enumerate(near[i]):
             if j not in order:
                 total = np.float32(total + weight[i][c])
             sums.append(total)
         share = np.float32(np.float32(stream.bits() >> 41) * np.float32(2.0**-23))
-        if total > 0:
+        if total > 0 and greedy:
+            order.append(int(max((j for j in near[i] if j not in order), key=lambda j: weight[i][list(near[i]).index(j)])))
+        elif total > 0:
             draw = share * total
             order.append(int(near[i][next(c for c, s in enumerate(sums) if s > draw)]))
         else:
@@ -120,7 +125,7 @@ def step(rule, tau, tours, lengths, cycle, best):
             gain[e] += times * rule.q / size
     tau = {e: rho[e] * v + gain[e] for e, v in tau.items()}
     if kind == "MaxMinAntSystem":
-        high = rule.q / ((1 - rule.persistence.rho) * best[0])
+        high = rule.q / (max(1 - rule.persistence.rho, 1e-3) * best[0])
         p = rule.p_best ** (1 / n)
         low = min(high, high * (1 - p) / (((rule.choices or 0.5 * n) - 1) * p))
         tau = {e: min(max(v, low), high) for e, v in tau.items()}

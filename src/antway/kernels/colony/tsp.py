@@ -347,8 +347,6 @@ def refine(
         q = places_ahead(search, p, cities.near[u, c])
         b = 1 + np.int64(rng.below(state, int(q) - 2))
         d = q + np.int64(rng.below(state, window))
-        if d > n - 2:
-            continue
         gain = bridge(cities, search, p, b, q - 1, d)
         gain += settle(cities, search, options.breadth, options.longest)
         if gain < 0.0 and gain <= temperature * (1.0 - a / options.attempts) * math.log(1.0 - rng.uniform(state)):
