@@ -160,6 +160,16 @@ def test_same_seed_same_bytes() -> None:
         assert one.cost == two.cost and all(a.tobytes() == b.tobytes() for a, b in zip(one.orders, two.orders))
 
 
+@pytest.mark.parametrize("end", [None, "start", 4])
+def test_most_pheromone_is_on_the_order_found(end: int | str | None) -> None:
+    """Rows and columns of the pheromone are stops, wherever the tour starts."""
+    xy = np.random.default_rng(4).random((12, 2)) * 100
+    matrix = np.hypot(*(xy[:, None] - xy[None]).T)
+    answer = order_stops(matrix, start=9, end=end, windows=np.tile([0.0, 600.0], (12, 1)), cycles=6)
+    assert answer.pheromone is not None and answer.pheromone.mean() < 0.4
+    assert answer.pheromone[answer.orders[0][:-1], answer.orders[0][1:]].min() > 0.6
+
+
 def test_the_makespan_comes_before_the_travel_time() -> None:
     """A detour of 1 ms of the last robot is worse than a minute's way of another one."""
     matrix = [[0, 50, 30], [50, 0, 20.001], [30, 20.001, 0]]

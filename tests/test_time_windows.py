@@ -19,6 +19,8 @@ import naive.time_windows as naive
 from antway import BadInput, BadMap, BadParameter, InvalidPlan, TooLarge, check_tsptw, load_tsptw, solve_tsptw
 from antway.cli import main
 from antway.kernels.base import rng as random_kernel
+from antway.kernels.colony import time_windows as beams
+from antway.kernels.colony import window_colony as colonies
 from antway.kernels.colony import windows as kernel
 from antway.kernels.colony.window_repair import lateness, least_late_place, repair
 from antway.kernels.colony.window_search import MoveOptions, refresh, settle, shake, timed_order, value
@@ -90,6 +92,19 @@ def test_no_order_costs_less_than_the_bound_beside_long_arcs(makespan: bool) -> 
         windows = np.tile([0.0, math.inf], (6, 1))
         result = solve_tsptw(Tsptw(matrix, windows), objective="makespan" if makespan else "travel time", cycles=0)
         assert result.bound <= naive.best(matrix.tolist(), windows.tolist(), makespan) * (1 + 1e-12)
+
+
+def test_an_order_beside_long_arcs_is_proven_but_for_rounding() -> None:
+    """Of orders whose costs differ by less than the units of time, one that is not the best used to be the bound."""
+    rng = np.random.default_rng(1)
+    for seed in range(cases(8, 80)):
+        matrix = np.where(rng.random((5, 5)) < 0.3, 1e9, 1.0 + 1e-6 * rng.random((5, 5)))
+        windows = np.tile([0.0, 3e9], (5, 1))
+        best = naive.best(matrix.tolist(), windows.tolist(), False)
+        result = solve_tsptw(Tsptw(matrix, windows), cycles=8, seed=seed)
+        answer = order_stops(matrix, windows=windows, end="start", cycles=8, seed=seed)
+        assert 0.999 * best < min(result.bound, answer.bound) and max(result.bound, answer.bound) <= best * (1 + 1e-12)
+        assert result.proven == (best > 1e9)
 
 
 def test_equal_to_dynamic_programming() -> None:
@@ -210,6 +225,69 @@ def test_duals_of_the_assignment() -> None:
         rows, columns = kernel.assignment(cost)
         assert (rows[:, None] + columns <= cost + 1e-9).all()
         assert rows.sum() + columns.sum() == pytest.approx(cost[linear_sum_assignment(cost)].sum())
+
+
+@pytest.mark.parametrize("makespan", [False, True])
+@pytest.mark.parametrize("width", [1, 8, 300])
+def test_a_beam_that_drops_nothing_finds_the_best_order(width: int, makespan: bool) -> None:
+    """What a narrow beam finds may be worse, as it says."""
+    rng, whole, dropped = np.random.default_rng(width), 0, 0
+    for case in range(cases(30, 300)):
+        instance = task(rng, 5, 7, float(rng.choice([40.0, 120.0])))
+        n = instance.size
+        again = np.append(np.arange(n), 0)
+        path = Path(instance.matrix[np.ix_(again, again)], instance.windows[again, 0], instance.windows[again, 1])
+        if not path.feasible:
+            continue
+        limit = math.inf if case % 2 else 1.0 + naive.best(instance.matrix.tolist(), instance.windows.tolist(), makespan)
+        choice = beams.Choice(1.0, 0.0, 0.0, makespan, limit * path.scale)
+        order, none, memory = np.zeros(n + 1, dtype=np.int32), np.zeros((n + 1, n + 1)), beams.workspace(n + 1, width)
+        cost, all_kept = beams.search(path.windows, none, choice, width, np.uint64(1), memory, order)
+        best = naive.best(path.time[:n, [n, *range(1, n)]].tolist(), np.c_[path.opens, path.closes][:n].tolist(), makespan)
+        whole, dropped = whole + all_kept, dropped + (not all_kept)
+        assert cost == pytest.approx(best) if all_kept else cost >= best - 1e-6 * path.scale, case
+        if cost < math.inf:
+            windows = np.c_[path.opens, path.closes].tolist()
+            travelled, end, late = naive.drive(path.time.tolist(), windows, order.tolist())
+            assert sorted(order) == list(range(n + 1)) and late == 0.0
+            assert cost == pytest.approx(end if makespan else travelled)
+    assert whole if width > 1 else dropped
+
+
+def test_pheromone_moves_towards_the_best_orders() -> None:
+    rng, restarts = np.random.default_rng(9), 0
+    for _ in range(cases(100, 1_000)):
+        n, evaporation = int(rng.integers(3, 7)), float(rng.uniform(0.05, 0.9))
+        orders = np.array([[0, *(1 + rng.permutation(n - 2)), n - 1] for _ in range(3)], dtype=np.int32)
+        tau = rng.random((n, n)) ** 8 if rng.random() < 0.5 else 1.0 - rng.random((n, n)) ** 8
+        record = np.array([1.0, 1.0, 0.0, rng.choice([0.0, 0.39, 0.4, 0.59, 0.6, 0.79, 0.8, 0.95])])
+        so_far, since_restart, of_cycle = orders.tolist()
+        wanted, convergence = naive.learned(tau.tolist(), (of_cycle, since_restart, so_far), record[3], evaporation)
+        colonies.learn(colonies.WindowColony(tau, np.zeros((n, n)), orders, record), evaporation)
+        assert tau == pytest.approx(np.array(wanted), rel=1e-12) and record[3] == pytest.approx(convergence)
+        assert record.tolist()[:3] == [1.0, math.inf if convergence == 0.0 else 1.0, 0.0]
+        restarts += convergence == 0.0
+    assert restarts > 3
+
+
+@pytest.mark.parametrize("backward", [False, True])
+def test_ants_follow_the_pheromone_in_both_directions(backward: bool) -> None:
+    """Nearly all of it is on one order, and times hardly count; a beam of one ant takes this order nearly always."""
+    rng, found = np.random.default_rng(10), 0
+    for seed in range(cases(60, 600)):
+        path = Path(rng.uniform(1.0, 9.0, (8, 8)), np.zeros(8), np.full(8, math.inf))
+        wanted = np.array([0, *(1 + rng.permutation(6)), 7], dtype=np.int32)
+        tau = np.full((8, 8), colonies.TAU_MIN)
+        tau[wanted[:-1], wanted[1:]] = colonies.TAU_MAX
+        record = np.array([math.inf, math.inf, float(backward), 0.0])
+        colony = colonies.WindowColony(tau, np.zeros((8, 8)), np.zeros((3, 8), dtype=np.int32), record)
+        options = colonies.ColonyOptions(1, 0, 0.1, 0.0, 1e9 * path.step, 0.0, MoveOptions(False, 8, 1e-9))
+        state = np.array([random_kernel.stream(np.uint64(seed), np.uint64(0))], dtype=np.uint64)
+        cost = colonies.build(path.windows, path.mirror, colony, options, beams.workspace(8, 1), state)
+        order = colony.orders[colonies.OF_CYCLE]
+        assert sorted(order) == list(range(8)) and cost == pytest.approx(path.time[order[:-1], order[1:]].sum())
+        found += order.tolist() == wanted.tolist()
+    assert found > 0.8 * (seed + 1)
 
 
 @pytest.mark.parametrize("makespan", [False, True])

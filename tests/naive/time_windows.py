@@ -58,3 +58,27 @@ def dynamic_programming(matrix, windows, makespan):
             if back <= windows[0][1] and n > 1:
                 ends.append(back if makespan else cost + matrix[last][0])
     return min(ends, default=math.inf)
+
+
+def learned(tau, orders, convergence, evaporation):
+    """(pheromone, convergence) after a cycle, from that before and the orders of the cycle, since the restart, and so far.
+
+    Pheromone, in [0.001, 0.999], moves towards these orders: the three of them share 1 by how far the colony has converged.
+    """
+    of_cycle, since_restart, so_far = orders
+    if convergence < 0.4:
+        shares = [(of_cycle, 1.0)]
+    elif convergence < 0.6:
+        shares = [(of_cycle, 2 / 3), (since_restart, 1 / 3)]
+    elif convergence < 0.8:
+        shares = [(of_cycle, 1 / 3), (since_restart, 2 / 3)]
+    else:
+        shares = [(since_restart, 1 / 2), (so_far, 1 / 2)]
+    tau = [[(1 - evaporation) * value for value in row] for row in tau]
+    for order, share in shares:
+        for i, j in itertools.pairwise(order):
+            tau[i][j] += evaporation * share
+    tau = [[min(max(value, 0.001), 0.999) for value in row] for row in tau]
+    strength = [tau[i][j] for i, j in itertools.pairwise(since_restart)]
+    mean = sum(strength) / len(strength)
+    return ([[0.5] * len(tau)] * len(tau), 0.0) if mean > 0.97 else (tau, mean)

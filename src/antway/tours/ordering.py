@@ -144,13 +144,13 @@ def order_stops(
         assert known is not None
         known = [improved_order(stops, known[0])]
     quick = quick or (budget.seconds is not None and budget.seconds < _PREPARATION * len(stops.matrix) ** 3)
-    proven, pheromone, least = False, None, -math.inf
+    off, pheromone, least = math.inf, None, -math.inf
     if stops.robots > 1 or stops.priorities is not None:
         if stops.priorities is None and not quick and len(stops.matrix) <= _SOON:
             least = lower_bound(stops)
         orders = best_routes(stops, clock, cycles, seed, known, least)
     else:
-        order, proven, pheromone = _best_order(stops, clock, cycles, seed, None if known is None else known[0], learned, quick)
+        order, off, pheromone = _best_order(stops, clock, cycles, seed, None if known is None else known[0], learned, quick)
         orders = [order]
     answer = finished(stops, orders, 0.0, pheromone)
     if answer.lateness > 0.0 and known is not None and len(known) == stops.robots:
@@ -162,8 +162,8 @@ def order_stops(
         bound = quick_bound(stops)
     elif stops.priorities is not None:
         bound = worth_bound(stops)
-    elif proven and answer.feasible:
-        bound = answer.cost * (1.0 - _NEAR)
+    elif off < math.inf and answer.feasible:
+        bound = max(0.0, min(answer.cost * (1.0 - _NEAR), answer.cost - off))
     else:
         bound = (least if math.isfinite(least) else lower_bound(stops)) if math.isfinite(answer.cost) else 0.0
     return replace(answer, bound=bound, gap=_gap(stops, answer.cost, answer.collected, bound))
@@ -171,8 +171,11 @@ def order_stops(
 
 def _best_order(
     stops: Stops, clock: Clock, cycles: int | None, seed: int, initial: Order | None, pheromone: Floats | None, quick: bool
-) -> tuple[Order, bool, Floats | None]:
-    """Return the best order found for one robot, whether it is proven optimal and feasible, and pheromone, float64[n, n]."""
+) -> tuple[Order, float, Floats | None]:
+    """Return the best order found for one robot, by how much another may cost less, in s, and pheromone, float64[n, n].
+
+    The second result is infinite unless the order is feasible and proven to be the best but for rounding.
+    """
     rows, spans, opens, closes = layout(stops)
     n, m = len(stops.matrix), len(rows)
     path = Path(spans, opens, closes, quick)
@@ -187,7 +190,7 @@ def _best_order(
         first = _inserted(path, [0, *kept, m - 1], missing, clock)
     makespan = stops.objective == "makespan"
     found = search(path, clock, makespan=makespan, cycles=cycles, seed=seed, initial=first, pheromone=tau)
-    proven = found.proven and found.late == 0.0
+    off = found.off if found.proven and found.late == 0.0 else math.inf
     order = found.order if found.late == 0.0 or first is None or found.late < path.late(first) else first
     if found.late > 0.0 and not clock.spent() and np.isfinite(spans[order[:-1], order[1:]]).all():
         # With windows that are longer by the delays of this order, the rest of the budget is for its cost.
@@ -201,7 +204,7 @@ def _best_order(
         learned[np.ix_(ids[:-1], ids[1:-1])] = found.pheromone[:-1, 1:-1]
         if rows[-1] >= 0:
             learned[ids[1:-1], rows[-1]] = found.pheromone[1:-1, -1]
-    return without_end(stops, rows[order]), proven, learned
+    return without_end(stops, rows[order]), off, learned
 
 
 def _inserted(path: Path, known: list[int], missing: list[int], clock: Clock) -> Order:

@@ -24,6 +24,7 @@ from antway.tours.windowed import Path, search
 
 MAX_BYTES = 64_000_000
 MAX_NODES = 1_000
+_NEAR = 1e-9  # share of the cost; an order that others may beat by no more is proven to be the best
 _ROUNDING = Fraction(1, 10**11)  # share of the time; a vehicle that is late by less is in time, as sums of floats are rounded
 
 
@@ -179,7 +180,9 @@ def solve_tsptw(
     proven = found.proven and feasible == (found.late == 0.0)  # `found` may be late by what `path` rounds
     bound = path.bound(makespan)
     if feasible:
-        bound = cost if proven else min(bound, cost)
+        least = cost if found.off <= _NEAR * cost else cost - found.off
+        bound = min(cost, max(bound, least) if proven else bound)
+        proven = proven and bound == cost
     conflict = tuple(sorted({node % n for node in found.conflict}))
     history = np.array(found.history, dtype=np.float64).reshape(-1, 3)
     return TsptwResult(order.copy(), cost, feasible, late, conflict, proven, bound, found.cycles, history, clock.elapsed())

@@ -35,7 +35,7 @@ _SLICE = 0.02  # s; time between two checks of the budget
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The best order found. `late` is 0 if it is feasible; `proven` means that there is no better one."""
+    """The best order found. `late` is 0 if it is feasible; `proven`: no order costs less, or not by more than `off`, in s."""
 
     order: Order
     late: float
@@ -44,6 +44,7 @@ class Found:
     cycles: int
     history: list[tuple[int, float, float]]
     pheromone: Floats
+    off: float = 0.0
 
 
 class Path:
@@ -266,7 +267,7 @@ class _Run:
         width = min(width, _STATES // n)
         order = np.zeros(n, dtype=np.int32)
         moves = self.options.moves
-        choice = beams.Choice(1.0, 0.0, 0.0, moves.makespan, record[colonies.BEST] - moves.least)
+        choice = beams.Choice(1.0, 0.0, 0.0, moves.makespan, record[colonies.BEST] - moves.least * moves.makespan)
         task, none = path.mirror if backward else path.windows, np.zeros((n, n))
         cost, whole = beams.search(task, none, choice, width, np.uint64(1), beams.workspace(n, width), order)
         if cost < math.inf:
@@ -317,7 +318,9 @@ class _Run:
                 backward = not backward and not self.options.moves.makespan
             self._note()
         if record[colonies.BEST] < math.inf:
-            return Found(self.colony.orders[0].copy(), 0.0, self.proven, (), done, self.history, self.colony.tau)
+            moves = self.options.moves
+            off = 0.0 if path.exact else (2 * len(path.time) + moves.least * moves.makespan) / path.scale  # as in `Path.bound`
+            return Found(self.colony.orders[0].copy(), 0.0, self.proven, (), done, self.history, self.colony.tau, off)
         late = self._repair(10, 0) if math.isinf(late) else late
         conflict = path.conflict() if self.proven else ()
         return Found(self.start, late / path.scale, self.proven, conflict, done, self.history, self.colony.tau)
