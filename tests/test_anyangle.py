@@ -75,6 +75,21 @@ def test_theta_is_legal_and_no_shorter_than_optimal(method: str) -> None:
         assert plan.status is Status.NO_PATH or plan.lower_bound <= best.length
 
 
+@pytest.mark.parametrize("method", GREEDY)
+def test_theta_is_nearly_optimal(method: str) -> None:
+    """On average its paths exceed the optimum by less than half of what the grid's shortest paths exceed it by."""
+    rng = np.random.default_rng(10)
+    found, shortest = [], []
+    for _ in range(60):
+        grid = random_grid(rng, 10, 30, (0.05, 0.35))
+        problem = Problem(grid, *ends(rng, grid), Moves.EIGHT_NOSQUEEZE)
+        best = anyangle(problem).length
+        if math.isfinite(best):
+            found.append(anyangle(problem, method=method).length / best - 1)
+            shortest.append(grid_distance(grid, problem.start, problem.goal, problem.moves) / best - 1)
+    assert np.mean(found) < 0.5 * np.mean(shortest)
+
+
 def test_symmetries_keep_the_length() -> None:
     """Mirrored, transposed and with ends swapped, a problem keeps its any-angle length; scaled, the length scales (C6)."""
     rng = np.random.default_rng(6)

@@ -12,7 +12,7 @@ from antway import Grid, Moves, Problem, distance_field
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.kernels.search.canonical import NEED, START, successor_table
 from antway.kernels.search.distance_field import EXPANDED
-from antway.kernels.search.lengths import FINE_STRAIGHT
+from antway.kernels.search.lengths import FINE_DIAGONAL, FINE_STRAIGHT
 from antway.search import derived
 from antway.search.astar import astar
 from antway.search.costs import inflation_costs, path_cost
@@ -145,3 +145,18 @@ def test_a_search_that_starts_again_ends_at_its_targets() -> None:
         field.run(None)
         assert field.distances(target)[0] == 10 * FINE_STRAIGHT
         assert int(field.state[EXPANDED]) == first < 1000
+
+
+def test_distances_after_a_restart_are_those_of_a_new_search() -> None:
+    """Also along a diagonal, the longest path for its cells, and where labels become too large for float64 and are cleared."""
+    n = 500
+    net = lattice(Grid(~np.eye(n, dtype=bool)), Moves.EIGHT_CUT)
+    cells = np.arange(n) * (n + 1)
+    field = DijkstraField(net, [(0, 0)], [])
+    for k in range(6):
+        if k == 3:
+            field.base = 3 * n - 2**53 // FINE_STRAIGHT
+        source = k % 2 * (n - 1)
+        field.restart(int(cells[source]), np.empty(0, np.int64))
+        field.run(None)
+        assert field.distances(cells).tolist() == [abs(i - source) * FINE_DIAGONAL for i in range(n)]

@@ -15,19 +15,20 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 
-from antway import Grid, Moves, Problem, Status, check_plan, distance_field, load_map
+from antway import Grid, Moves, Plan, Problem, Status, check_plan, distance_field, load_map
 from antway import grid as grids
+from antway.errors import BadParameter
 from antway.kernels.search.best_first import gauge
 from antway.kernels.search.jps import jump, place
 from antway.maps.movingai import load_scen
-from antway.planning import Budget, start_clock
+from antway.planning import Budget, Clock, start_clock
 from antway.search import derived
 from antway.search.astar import Searcher, astar, searcher
 from antway.search.batch import solve_many
 from antway.search.best_first import faces
 from antway.search.costs import path_cost
 from antway.search.derived import NEIGHBOURS
-from antway.search.distance_field import dijkstra
+from antway.search.distance_field import dijkstra, spread_plan
 from antway.search.jps import jps, jumps_pay
 from antway.search.subgoals import hierarchy_of, subgoals
 from common import SHARED, cases, free_cells, needs_data, pick, solvable
@@ -262,6 +263,41 @@ def test_paths_too_long_for_small_integers() -> None:
         plan = planner(problem)
         check_plan(problem, plan)
         assert plan.length == expected
+
+
+@pytest.mark.parametrize("moves", NEIGHBOURS)
+def test_maps_too_long_for_small_integers(moves: Moves) -> None:
+    """Across a map of more than 8,119 columns, and from its end round a wall to the same end, paths are found, and exact."""
+    blocked = np.zeros((3, 9000), dtype=bool)
+    blocked[1, :-1] = True
+    grid = Grid(blocked)
+    ends = [((0, 0), (0, 8999)), ((0, 0), (2, 0)), ((0, 8999), (2, 8900))]
+    expected = [dijkstra(Problem(grid, *pair, moves)).length for pair in ends]
+    assert expected[:2] == [8999.0, pytest.approx(2 * 8999, abs=2.0)]
+    for planner in (astar, jps, subgoals):
+        assert [planner(Problem(grid, *pair, moves)).length for pair in ends] == expected
+    routes = solve_many(grid, *zip(*ends), moves)
+    assert routes.lengths.tolist() == expected
+    assert [path[-1].tolist() for path in routes] == [list(goal) for _, goal in ends]
+
+
+def test_maps_of_more_cells_than_labels_can_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are answered by Dijkstra's search, and refused for many queries at once."""
+    asked: list[Problem] = []
+    monkeypatch.setattr("antway.search.astar.MOST_CELLS", 12)
+    monkeypatch.setattr("antway.search.batch.MOST_CELLS", 12)
+
+    def asked_plan(problem: Problem, clock: Clock) -> Plan:
+        asked.append(problem)
+        return spread_plan(problem, clock)
+
+    monkeypatch.setattr("antway.search.astar.spread_plan", asked_plan)
+    for columns in (11, 12):
+        grid = Grid(np.zeros((1, columns), dtype=bool))
+        assert astar(Problem(grid, (0, 0), (0, 3))).length == 3.0
+        assert len(asked) == (columns == 12)
+    with pytest.raises(BadParameter, match=r"grid\.shape"):
+        solve_many(grid, [(0, 0)], [(0, 3)])
 
 
 @given(st.integers(2, 9), st.integers(0, 2**81 - 1), st.sampled_from(NEIGHBOURS))

@@ -157,6 +157,7 @@ def expand(search_map: SearchMap, memory: Memory, base: int, goal_row: int, goal
             to_row, to_col, g_to = reached[i, 0], reached[i, 1], reached[i, 2]
             to = to_row * width + to_col
             if base + g_to >= nodes[to, 0]:
+                state[CUT] |= g_to >= LIMIT  # one jump can lead so far, to a cell that no path has reached yet
                 continue
             key = g_to + octile(to_row, to_col, goal_row, goal_col, STRAIGHT, search_map.shorter)
             if key >= bound:
