@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -27,6 +27,18 @@ _WAITING = (0, (1.2, 1.2))  # points; dots of the line of a robot that waits
 _MOVED = 1.5  # points; a line joins a number that was moved farther to its stop
 
 
+class _Visit(NamedTuple):
+    """A stop as it is drawn, and its visit, if there is one."""
+
+    at: XY  # m
+    name: str
+    window: tuple[float, float]  # s
+    number: int = 0  # among the visits of its robot, from 1 on; 0: it is not visited
+    times: tuple[float, ...] = (math.nan,) * 4  # s; the robot sets out, arrives, begins service and ends it
+    colour: str = style.INK  # of the robot
+    late: bool = False
+
+
 @style.styled
 def plan_tour_figure(tour: TourPlan) -> Figure:
     """Draw a tour on its map, stops numbered in the order of their visits, and, where there are windows, its schedule.
@@ -36,23 +48,48 @@ def plan_tour_figure(tour: TourPlan) -> Figure:
     tour : TourPlan
         Of at most 40 stops for a schedule, 60 for numbers.
     """
-    task = tour.task
-    visits = sum(len(route.order) for route in tour.routes)
+    task, robots = tour.task, [_visits_of(tour, k) for k in range(len(tour.routes))]
+    visits = [visit for mine in robots for visit in mine]
     timed = bool((task.windows[:, 0] > 0).any() or np.isfinite(task.windows[:, 1]).any())
-    scheduled = (timed or task.priorities is not None or math.isfinite(task.deadline)) and visits <= MOST_LISTED
-    rows = visits + len(tour.routes) * (len(tour.routes) > 1)
+    scheduled = (timed or task.priorities is not None or math.isfinite(task.deadline)) and len(visits) <= MOST_LISTED
+    rows = len(visits) + len(robots) * (len(robots) > 1)
     axes, times, points_per_metre = _map_and_schedule(task.grid, rows if scheduled else None, width=7.2)
     for k, route in enumerate(tour.routes):
         _draw_route(axes, tour, route, k)
-    _draw_stops(axes, tour, visits, points_per_metre)
+    skipped = [_Visit(_place(task.stops[stop]), task.names[stop], (0.0, math.inf)) for stop in tour.skipped]
+    ends = [task.start] if task.end is None else [task.start, task.end if isinstance(task.end, tuple) else task.start]
+    _draw_stops(axes, visits + skipped, ends, "left out", points_per_metre)
     axes.set_title(_title(tour))
     more: list[tuple[Artist, str]] = []
     if times is not None:
-        _draw_schedule(times, tour)
+        _draw_tour_times(times, tour, robots)
         waits = any((route.waiting > 0).any() for route in tour.routes)
         shown = {"window": timed, "waits": waits, "service": True, "late": tour.lateness > 0}
         more = [(artist, name) for name, artist in _schedule_legend().items() if shown.get(name)]
     return style.legend_below(axes, more=more)
+
+
+def _colour_of(robot: int) -> str:
+    return style.COLOURS[robot % len(style.COLOURS)]
+
+
+def _place(xy: NDArray[np.float64]) -> XY:
+    return float(xy[0]), float(xy[1])
+
+
+def _visits_of(tour: TourPlan, robot: int) -> list[_Visit]:
+    """Return the visits of a robot in their order."""
+    task, route, before, visits = tour.task, tour.routes[robot], 0.0, list[_Visit]()
+    for n, stop in enumerate(route.order.tolist()):
+        arrival = float(route.arrival[n])
+        start = arrival + float(route.waiting[n])
+        end = start + float(task.service[stop])
+        earliest, latest = task.windows[stop].tolist()
+        times, late = (before, arrival, start, end), start - latest > 1e-9 * (1.0 + route.duration)
+        about = _place(task.stops[stop]), task.names[stop], (earliest, latest)
+        visits.append(_Visit(*about, n + 1, times, _colour_of(robot), late))
+        before = end
+    return visits
 
 
 def _title(tour: TourPlan) -> str:
@@ -68,7 +105,7 @@ def _draw_route(axes: Axes, tour: TourPlan, route: Route, k: int) -> None:
     """Draw where one robot drives, with arrows in the direction of travel."""
     if not route.legs:
         return
-    colour, several = style.COLOURS[k % len(style.COLOURS)], len(tour.routes) > 1
+    colour, several = _colour_of(k), len(tour.routes) > 1
     label = f"robot {k + 1}: {route.length:,.1f} m in {route.duration:,.0f} s" if several else "path"
     wide = 1.8 if len(route.order) <= MOST_NUMBERED else 1.1
     legs = [plan.xy(tour.task.grid) for plan in route.legs]
@@ -97,63 +134,50 @@ def _middle(xy: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, 
     return (float(point[0]), float(point[1])), (float(steps[i, 0] / length), float(steps[i, 1] / length))
 
 
-def _draw_stops(axes: Axes, tour: TourPlan, visits: int, points_per_metre: float) -> None:
-    """Draw the stops, numbered in the order of the visits; numbers that would lie over each other stand beside their stops."""
-    task, numbered, size = tour.task, visits <= MOST_NUMBERED, _number_size(visits)
+def _draw_stops(axes: Axes, stops: Sequence[_Visit], ends: Sequence[XY], left_out: str, points_per_metre: float) -> None:
+    """Draw the stops and both ends, or the start alone.
+
+    Stops are numbered in the order of the visits, and dots if they are many. Numbers that would lie over each other stand
+    beside their stops. Stops that are not visited are crosses, which the legend calls `left_out`.
+    """
+    visits, missed = [one for one in stops if one.number], [one.at for one in stops if not one.number]
+    numbered, size = len(visits) <= MOST_NUMBERED, 11.5 if len(visits) <= 25 else 9.0  # points; diameter of numbers
     look: dict[str, Any] = {"linestyle": "", "clip_on": False}
-    shown = [
-        (stop, n, style.RED if _late(tour, route, n) > 0 else style.COLOURS[k % len(style.COLOURS)])
-        for k, route in enumerate(tour.routes)
-        for n, stop in enumerate(route.order.tolist())
-    ]
-    true = task.stops[[stop for stop, _, _ in shown]].reshape(-1, 2)
-    end = task.end if isinstance(task.end, tuple) else None
-    ends = np.array([task.start] + ([] if end is None else [end]))
-    placed = _apart(true, ends, (size + 1.5) / points_per_metre) if numbered else true
-    for (_, n, colour), stop, at in zip(shown, true.tolist(), placed.tolist()):
-        if not numbered or _was_moved(stop, at, points_per_metre):
-            _draw_leader(axes, stop, at, colour)
+    true = np.array([visit.at for visit in visits]).reshape(-1, 2)
+    placed = _apart(true, np.array(list(dict.fromkeys(ends))), (size + 1.5) / points_per_metre) if numbered else true
+    for visit, at in zip(visits, placed.tolist()):
+        colour = style.RED if visit.late else visit.colour
+        if not numbered or math.dist(visit.at, at) * points_per_metre > _MOVED:
+            axes.plot(*zip(visit.at, at), color=colour, linewidth=0.8, zorder=4.6)
             edge: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
-            axes.plot(*stop, marker="o", color=colour, markersize=3.2, zorder=4.7, **edge, **look)
+            axes.plot(*visit.at, marker="o", color=colour, markersize=3.2, zorder=4.7, **edge, **look)
         if numbered:
-            _draw_number(axes, n + 1, at, colour, size, clip_on=False)
-    if tour.skipped:
-        xy = task.stops[list(tour.skipped)]
-        axes.plot(*xy.T, marker="x", color=style.INK, markersize=5.5, markeredgewidth=1.2, zorder=4.8, label="left out", **look)
-    _draw_ends(axes, task.start, end, returns=task.end == "start", clip_on=False)
+            edge = {"markeredgecolor": "white", "markeredgewidth": 1.0}
+            axes.plot(*at, marker="o", color=colour, markersize=size, zorder=5, **edge, **look)
+            font: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 0.58 * size, "weight": "bold"}
+            axes.annotate(str(visit.number), (at[0], at[1]), color="white", zorder=6, **font)
+    if missed:
+        axes.plot(
+            *zip(*missed), marker="x", color=style.INK, markersize=5.5, markeredgewidth=1.2, zorder=4.8, label=left_out, **look
+        )
+    start, *end = ends
+    look |= {"markeredgecolor": style.INK, "zorder": 5.8}
+    label = "start and end" if end == [start] else "start"
+    axes.plot(*start, marker="s", color="white", markersize=8, markeredgewidth=1.6, label=label, **look)
+    if label == "start" and end:
+        axes.plot(*end[0], marker="*", color=style.GOLD, markersize=13, markeredgewidth=0.9, label="end", **look)
 
 
-def _late(tour: TourPlan, route: Route, n: int) -> float:
-    """Return by how much service begins after the window of the robot's n-th stop, s."""
-    excess = route.arrival[n] + route.waiting[n] - tour.task.windows[int(route.order[n]), 1]
-    return float(excess) if excess > 1e-9 * (1.0 + route.duration) else 0.0
-
-
-def _draw_schedule(axes: Axes, tour: TourPlan) -> None:
-    """Draw for each stop its window, and when the robot arrives, waits and serves, one row a stop."""
-    task, labels = tour.task, list[str]()
+def _draw_tour_times(axes: Axes, tour: TourPlan, robots: Sequence[Sequence[_Visit]]) -> None:
+    """Draw the schedule of a tour, and its deadline."""
+    task = tour.task
     last = max(1e-9, tour.duration, *(w for w in task.windows[:, 1].tolist() if math.isfinite(w)))
     last = min(last, 1.6 * max(tour.duration, 1e-9))
-    for k, route in enumerate(tour.routes):
-        colour = style.COLOURS[k % len(style.COLOURS)]
-        if len(tour.routes) > 1:
-            axes.text(0.0, len(labels), f"robot {k + 1}", va="center", color=colour, weight="bold", fontsize=7.5)
-            labels.append("")
-        before = 0.0
-        for n, stop in enumerate(route.order.tolist()):
-            row = len(labels)
-            _draw_window(axes, row, task.windows[stop].tolist(), 1.02 * last)
-            arrival, late = float(route.arrival[n]), _late(tour, route, n) > 0
-            start = arrival + float(route.waiting[n])
-            end = start + float(task.service[stop])
-            _draw_visit(axes, row, (before, arrival, start, end), colour, late=late, size=5 if late else 4.2)
-            before = end
-            labels.append(f"{task.names[stop]}  {n + 1}")
+    rows = _draw_schedule(axes, robots, 1.02 * last)
     if math.isfinite(task.deadline) and task.deadline <= 1.6 * last:
         axes.axvline(task.deadline, color=style.INK, linewidth=1.0, linestyle=(0, (4, 2)), zorder=1.5)
         axes.text(task.deadline, -0.9, "deadline ", ha="right", va="center", fontsize=7)
-    _finish_schedule(axes, labels)
-    axes.set(xlabel="time (s)", ylim=(len(labels) - 0.4, -1.3 if math.isfinite(task.deadline) else -0.6))
+    axes.set_ylim(rows - 0.4, -1.3 if math.isfinite(task.deadline) else -0.6)
     axes.set_xlim(0, 1.03 * max(last, task.deadline if task.deadline <= 1.6 * last else 0.0))
     axes.set_title("Schedule")
 
@@ -168,52 +192,30 @@ def rounds_figure(trace: Trace) -> Figure:
         label = "tracks of what moves" if k == 0 else None
         axes.plot(*trace.obstacle_xy[:, k].T, color=style.RED, linewidth=0.7, alpha=0.45, label=label, zorder=2)
     style.draw_path(axes, trace.xy, style.BLUE, 1.6, label="driven")
-    _draw_visits(axes, trace, rounds, points_per_metre)
-    late = sum(rounds.lateness(visit) > 0 for visit in rounds.visits)
+    visits = _visits_in(rounds)
+    _draw_stops(axes, visits, [trace.task.start, trace.task.goal], "not visited", points_per_metre)
+    late = sum(visit.late for visit in visits)
     verdict = f"{late} of them late" if late else "all in time"
     axes.set_title(f"Rounds: {len(rounds.visits)} of {len(rounds.stops)} stops in {trace.t[-1]:,.0f} s, {verdict}")
-    _draw_times(times, trace, rounds)
-    shown = ["window", "waits", "service"] + ["new order"] * any(turn.t > 0 for turn in rounds.turns)
+    end, turns = 1.03 * float(trace.t[-1]), [turn.t for turn in rounds.turns if turn.t > 0]
+    rows = _draw_schedule(times, [visits], end)
+    for turn in turns:
+        times.axvline(turn, color=style.ORANGE, linewidth=1.0, linestyle=(0, (4, 2)), zorder=1.5)
+    times.set(xlim=(0, end), ylim=(rows - 0.4, -0.6), title="When the robot was where")
+    shown = ["window", "waits", "service"] + ["new order"] * (len(turns) > 0)
     legend = _schedule_legend()
     return style.legend_below(axes, more=[(legend[name], name) for name in shown])
 
 
-def _draw_visits(axes: Axes, trace: Trace, rounds: Rounds, points_per_metre: float) -> None:
-    """Draw the stops, numbered in the order of the visits; those not visited are crosses."""
-    size = _number_size(len(rounds.stops))
-    true = np.array([rounds.stops[visit.stop].at for visit in rounds.visits]).reshape(-1, 2)
-    ends = np.array([trace.task.start, trace.task.goal])
-    placed = _apart(true, ends, (size + 1.5) / points_per_metre)
-    for n, (visit, stop, at) in enumerate(zip(rounds.visits, true.tolist(), placed.tolist()), 1):
-        colour = style.RED if rounds.lateness(visit) > 0 else style.BLUE
-        if _was_moved(stop, at, points_per_metre):
-            _draw_leader(axes, stop, at, colour)
-        _draw_number(axes, n, at, colour, size, clip_on=True)
-    if rounds.missed:
-        xy = np.array([rounds.stops[stop].at for stop in rounds.missed])
-        axes.plot(*xy.T, "x", color=style.INK, markersize=6, markeredgewidth=1.4, zorder=5, label="not visited")
-    same = trace.task.start == trace.task.goal
-    _draw_ends(axes, trace.task.start, None if same else trace.task.goal, returns=same, clip_on=True)
-
-
-def _draw_times(axes: Axes, trace: Trace, rounds: Rounds) -> None:
-    """Draw a row for each stop: its window, and the times of driving, waiting and service."""
-    end, before, labels = float(trace.t[-1]), 0.0, []
-    order = [*(visit.stop for visit in rounds.visits), *rounds.missed]
-    for row, stop in enumerate(order):
-        _draw_window(axes, row, rounds.stops[stop].window, 1.03 * end)
-        labels.append(f"{rounds.name(stop)}  {row + 1 if row < len(rounds.visits) else '-'}")
-        if row < len(rounds.visits):
-            visit = rounds.visits[row]
-            times, late = (before, visit.arrival, visit.start, visit.end), rounds.lateness(visit) > 0
-            _draw_visit(axes, row, times, style.BLUE, late=late, size=4.4)
-            before = visit.end
-    for turn in rounds.turns:
-        if turn.t > 0:
-            axes.axvline(turn.t, color=style.ORANGE, linewidth=1.0, linestyle=(0, (4, 2)), zorder=1.5)
-    _finish_schedule(axes, labels)
-    axes.set(xlabel="time (s)", xlim=(0, 1.03 * end), ylim=(len(order) - 0.4, -0.6))
-    axes.set_title("When the robot was where")
+def _visits_in(rounds: Rounds) -> list[_Visit]:
+    """Return the visits of a robot's rounds in their order, then the stops that were not visited."""
+    stops = [_Visit(stop.at, rounds.name(k), stop.window) for k, stop in enumerate(rounds.stops)]
+    before, visits = 0.0, list[_Visit]()
+    for n, visit in enumerate(rounds.visits, 1):
+        times, late = (before, visit.arrival, visit.start, visit.end), rounds.lateness(visit) > 0
+        visits.append(stops[visit.stop]._replace(number=n, times=times, colour=style.BLUE, late=late))
+        before = visit.end
+    return visits + [stops[k] for k in rounds.missed]
 
 
 def _map_and_schedule(grid: Grid, rows: int | None, *, width: float) -> tuple[Axes, Axes | None, float]:
@@ -249,38 +251,6 @@ def _shown_part(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return xy.min(axis=0), xy.max(axis=0)
 
 
-def _number_size(stops: int) -> float:
-    """Return the diameter of the discs that number so many stops, points."""
-    return 11.5 if stops <= 25 else 9.0
-
-
-def _was_moved(stop: Sequence[float], placed: Sequence[float], points_per_metre: float) -> bool:
-    """Tell whether the number of a stop stands beside it, so that a line has to join them."""
-    return math.dist(stop, placed) * points_per_metre > _MOVED
-
-
-def _draw_leader(axes: Axes, stop: Sequence[float], placed: Sequence[float], colour: str) -> None:
-    """Draw a line from a stop to its number."""
-    axes.plot(*zip(stop, placed), color=colour, linewidth=0.8, zorder=4.6)
-
-
-def _draw_number(axes: Axes, number: int, placed: Sequence[float], colour: str, size: float, *, clip_on: bool) -> None:
-    """Draw the number of a stop in a disc of `size` points at `placed`."""
-    edge: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 1.0, "clip_on": clip_on}
-    axes.plot(*placed, "o", color=colour, markersize=size, zorder=5, **edge)
-    font: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 0.58 * size, "weight": "bold"}
-    axes.annotate(str(number), (placed[0], placed[1]), color="white", zorder=6, **font)
-
-
-def _draw_ends(axes: Axes, start: XY, end: XY | None, *, returns: bool, clip_on: bool) -> None:
-    """Draw a square at the start, m, and a star at the end, if it is another place; `returns`: the start is the end, too."""
-    look: dict[str, Any] = {"linestyle": "", "markeredgecolor": style.INK, "clip_on": clip_on, "zorder": 5.8}
-    label = "start and end" if returns else "start"
-    axes.plot(*start, marker="s", color="white", markersize=8, markeredgewidth=1.6, label=label, **look)
-    if end is not None:
-        axes.plot(*end, marker="*", color=style.GOLD, markersize=13, markeredgewidth=0.9, label="end", **look)
-
-
 def _apart(xy: NDArray[np.float64], fixed: NDArray[np.float64], least: float) -> NDArray[np.float64]:
     """Move points apart until no two, and none and a fixed one, are nearer than `least`, each as little as that needs."""
     placed, still = xy.copy(), len(fixed)
@@ -301,28 +271,36 @@ def _apart(xy: NDArray[np.float64], fixed: NDArray[np.float64], least: float) ->
     return placed
 
 
-def _draw_window(axes: Axes, row: int, window: tuple[float, float], last: float) -> None:
-    """Draw the time window of a stop, s, up to `last` s; nothing for a stop that is always open."""
-    earliest, latest = window
-    if earliest > 0 or math.isfinite(latest):
-        look: dict[str, Any] = {"facecolor": style.RULE, "edgecolor": style.GREY, "linewidth": 0.6, "zorder": 1}
-        axes.barh(row, min(latest, last) - earliest, left=earliest, height=0.72, **look)
-
-
-def _draw_visit(axes: Axes, row: int, times: Sequence[float], colour: str, *, late: bool, size: float) -> None:
-    """Draw a visit in its row: the robot sets out, arrives, begins service, and ends it at these four `times`, s."""
-    out, arrival, start, end = times
-    axes.plot([out, arrival], [row, row], color=colour, linewidth=1.1, zorder=2)
-    axes.plot([arrival, start], [row, row], color=style.GREY, linewidth=1.4, linestyle=_WAITING, zorder=2)
-    axes.plot([start, end], [row, row], color=style.INK, linewidth=4.2, solid_capstyle="butt", zorder=3)
-    axes.plot(arrival, row, marker="D" if late else "o", color=style.RED if late else colour, markersize=size, zorder=4)
-
-
-def _finish_schedule(axes: Axes, labels: Sequence[str]) -> None:
-    """Name the rows of a schedule, and remove its frame but for the axis of time."""
+def _draw_schedule(axes: Axes, robots: Sequence[Sequence[_Visit]], last: float) -> int:
+    """Draw for each stop its window up to `last` s, and when the robot drives, waits and serves; return the number of rows."""
+    labels = list[str]()
+    for k, visits in enumerate(robots):
+        if len(robots) > 1:
+            axes.text(0.0, len(labels), f"robot {k + 1}", va="center", color=_colour_of(k), weight="bold", fontsize=7.5)
+            labels.append("")
+        for visit in visits:
+            _draw_row(axes, len(labels), visit, last)
+            labels.append(f"{visit.name}  {visit.number or '-'}")
     axes.set_yticks(range(len(labels)), [style.plain(label) for label in labels], fontsize=7.5)
     axes.tick_params(axis="y", length=0)
     axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.set_xlabel("time (s)")
+    return len(labels)
+
+
+def _draw_row(axes: Axes, row: int, visit: _Visit, last: float) -> None:
+    """Draw a stop in its row of a schedule: its window up to `last` s, unless it is always open, and its visit."""
+    (earliest, latest), (out, arrival, start, end) = visit.window, visit.times
+    if earliest > 0 or math.isfinite(latest):
+        look: dict[str, Any] = {"facecolor": style.RULE, "edgecolor": style.GREY, "linewidth": 0.6, "zorder": 1}
+        axes.barh(row, min(latest, last) - earliest, left=earliest, height=0.72, **look)
+    axes.plot([out, arrival], [row, row], color=visit.colour, linewidth=1.1, zorder=2)
+    axes.plot([arrival, start], [row, row], color=style.GREY, linewidth=1.4, linestyle=_WAITING, zorder=2)
+    axes.plot([start, end], [row, row], color=style.INK, linewidth=4.2, solid_capstyle="butt", zorder=3)
+    dot: dict[str, Any] = {"marker": "o", "color": visit.colour, "markersize": 4.2}
+    if visit.late:
+        dot = {"marker": "D", "color": style.RED, "markersize": 5}
+    axes.plot(arrival, row, zorder=4, **dot)
 
 
 def _schedule_legend() -> dict[str, Artist]:
