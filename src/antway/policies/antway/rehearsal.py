@@ -10,13 +10,15 @@ import numpy as np
 from antway.grid import Grid
 from antway.kernels.base.cache import is_compiled
 from antway.kernels.base.jit import PLAIN
-from antway.kernels.base.records import RobotState
-from antway.kernels.robot.motion import delayed
 from antway.kernels.robot.odometry import COLUMNS, T
 from antway.kernels.robot.response import Period
 from antway.policies.antway.odometry import OdometryCheck
-from antway.world.policy import XY, Observation, Policy, Task, Tracks
+from antway.world.motions import Line
+from antway.world.policy import Policy
 from antway.world.robots import RobotSpec
+from antway.world.scenario import Scenario
+from antway.world.stage import Stage
+from antway.world.world import Obstacle, World
 
 _CYCLES = 3  # cycles are rehearsed; the second compares predictions with what came, and the third learns from that
 _SQUARE = ((0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2))  # m; a footprint
@@ -36,14 +38,12 @@ def rehearse(make: Callable[..., Policy], robot: RobotSpec, **options: object) -
     _done.add(what)
     if not is_compiled(*(("", "crossing.cycle") if kind.stepwise else ("controls", "colony.forage"))):
         return
-    policy = make(**options)
-    policy.reset(Task(Grid(np.zeros((40, 60), bool), 0.1), kind, (1.0, 2.0), (5.0, 2.0)), 0)
-    state, commands = RobotState(1.0, 2.0, 0.0, 0.0, 0.0), [(0.0, 0.0)] * kind.late_commands
-    for n in range(_CYCLES):
-        observation = _observed(kind, state, n * kind.dt, commands[n:])
-        commands.append(policy.act(observation).acts(observation, kind))
+    policy, stage = make(**options), Stage(_hall(kind), 0, _CYCLES * kind.dt)
+    policy.reset(stage.task, 0)
+    for _ in range(_CYCLES):
+        observation = stage.observe()
+        stage.drive(*stage.controls(policy.act(observation), observation))
         policy.explain()
-        state = _driven(kind, state, commands[n])
     if robot.dynamics != "steps":
         _correct_speeds(kind)
 
@@ -69,22 +69,7 @@ def _kind_of(robot: RobotSpec) -> RobotSpec:
     )
 
 
-def _observed(robot: RobotSpec, state: RobotState, t: float, pending: list[XY]) -> Observation:
-    """Return what the robot observes in the hall at `t` s, when somebody is about to cross its path."""
-    x, y, heading, one, two = state
-    velocity, turn_rate = (one, two), 0.0
-    if robot.wheels:
-        velocity, turn_rate = (one * math.cos(heading), one * math.sin(heading)), two
-    crossing = Tracks(np.array([1]), np.array([(3.0, 1.0 + t)]), np.array([(0.0, 1.0)]), np.array([0.25]))
-    waiting = np.array(pending).reshape(-1, 2)
-    return Observation(t, (x, y), velocity, heading, crossing, turn_rate=turn_rate, pending=waiting)
-
-
-def _driven(robot: RobotSpec, state: RobotState, command: XY) -> RobotState:
-    """Return the state after a period of this command: a policy would learn from a robot that does not do as it says."""
-    if not robot.stepwise:
-        return delayed(state, np.array([command]), robot.limits._replace(latency=robot.dt), robot.dt)
-    if robot.wheels:  # of the dynamics "steps", from which nothing is learnt
-        return state
-    vx, vy = command
-    return RobotState(state.x + vx * robot.dt, state.y + vy * robot.dt, math.atan2(vy, vx), vx, vy)
+def _hall(robot: RobotSpec) -> Scenario:
+    """Return a small hall in which somebody is about to cross the robot's path."""
+    crossing = Obstacle(0.25, Line((3.0, 1.0), (3.0, 3.0), 1.0))
+    return Scenario(World(Grid(np.zeros((40, 60), bool), 0.1), (crossing,)), (1.0, 2.0), (5.0, 2.0), robot=robot)
