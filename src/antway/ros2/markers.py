@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -10,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid
-from antway.kernels.spacetime.memory import SEGMENTS
-from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
+from antway.policies.paper.tubes import Tubes
 from antway.ros2 import convert
 from antway.ros2.convert import Make, plain
 from antway.ros2.frames import Pose, chain
 from antway.ros2.messages import make
 from antway.world.policy import XY, Decision, Tracks
-from antway.world.terrain import terrain_of
 
 if TYPE_CHECKING:
     from antway.ros2.pilot import Pilot
@@ -62,21 +59,13 @@ def decision_message(decision: Decision, xy: XY, tracks: Tracks, t: float, make:
 
 
 def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.float64]]:
-    """Return where each track will be from now to `horizon` s, as the policy predicts it: constant velocity, mirrored at walls.
+    """Return where each track will be from now to `horizon` s at constant velocity, mirrored at walls.
 
     For each track these are rows t in s, x and y in m, float64[M, 3].
     """
-    margins = TubeMargins(0.0)
-    rows = np.column_stack(
-        (tracks.xy, np.nan_to_num(tracks.velocity), tracks.radius, np.zeros((len(tracks), 2)), tracks.id)
-    ).astype(np.float64)
-    segments, lines = np.empty((SEGMENTS, 8)), []
-    for k in range(len(rows)):
-        n = predict(rows[k : k + 1], 0.0, 0.0, horizon, math.inf, math.inf, margins, terrain_of(grid), NO_PREDICTIONS, segments)
-        t, until, x, y, vx, vy = segments[:n, :6].T
-        ends = np.column_stack((until, x + vx * (until - t), y + vy * (until - t)))
-        lines.append(np.vstack((np.column_stack((t, x, y)), ends[-1:])))
-    return lines
+    discs = np.column_stack((tracks.xy, np.nan_to_num(tracks.velocity), tracks.radius))
+    tubes = Tubes.predict(0.0, 0.0, discs, grid, horizon)
+    return [np.column_stack(tubes.knots(k)) for k in range(len(tracks))]
 
 
 def predictions_message(
