@@ -266,7 +266,7 @@ def _print_cells(title: str, heads: Sequence[str], left: str, rows: Iterable[Seq
     console.print(title, style="italic")
     for row in cells:
         for head, cell in zip(heads, row):
-            if cell.plain != "-":
+            if cell.plain not in ("-", "–"):
                 console.print(Text.assemble(f"{' '.join(head.split())}: ", cell), soft_wrap=True)
         console.print()
 
@@ -322,27 +322,14 @@ def print_decisions(decisions: list[dict[str, Any]]) -> None:
 
 def print_summaries(table: Sequence[Summary]) -> None:
     """Print the results of policies on a suite as a table."""
-    from antway.arena.summary import remarks
+    import textwrap
 
-    heads = ["level", "policy", "episodes", "success", "95 %", "hit moving/\nstanding/wall", "timeout/\nerror"]
-    heads += ["time /\noptimum", "95 %", "time", "cycle ms\np50 / p99"]
-    rows = [
-        (
-            one.level or "all",
-            one.policy,
-            str(one.episodes),
-            f"{100 * one.success:.1f} %",
-            "{:.1f} - {:.1f}".format(*(100 * end for end in one.success_interval)),
-            "/".join(str(one.outcomes[name]) for name in ("hit-moving", "hit-standing", "hit-wall")),
-            "/".join(str(one.outcomes[name]) for name in ("timeout", "error")),
-            _shown(one.time_ratio, ".4f"),
-            " - ".join(_shown(end, ".3f") for end in one.time_ratio_interval if end == end) or "-",
-            _shown(one.time, ".2f", " s"),
-            f"{_shown(one.cycle[0], '.2f')} / {_shown(one.cycle[1], '.2f')}",
-        )
-        for one in table
-    ]
-    _print_cells("Policies against the clairvoyant optimum", heads, "level policy", rows, long=("95 %", heads[-1]))
+    from antway.arena.summary import MEANS, remarks, summary_cells
+
+    rows = [{head: cell for head, cell in summary_cells(one).items() if head not in MEANS[1:]} for one in table]
+    heads = ["\n".join(textwrap.wrap(head, 12)) for head in rows[0]]
+    long = [head for head in heads if "(" in head or head == heads[-1]]
+    _print_cells("Policies against the clairvoyant optimum", heads, "level policy", [[*row.values()] for row in rows], long)
     for remark in remarks(table):
         print(remark)
 

@@ -14,6 +14,8 @@ from antway.arena.causes import by_cause
 from antway.arena.store import Row
 from antway.world.trace import Outcome
 
+MEANS = ("time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "side changes", "jerk, m/s³")  # heads of columns
+
 
 @dataclass(frozen=True, slots=True)
 class Summary:
@@ -143,52 +145,63 @@ def remarks(table: Sequence[Summary]) -> list[str]:
     return ["A ratio below 1: the optimum moves between cells in 32 directions, a policy at any angle."] if below else []
 
 
-def markdown(rows: Sequence[Row]) -> str:
-    """Return the summaries of the rows of one suite, the ranks of its policies and their failures by cause, in Markdown.
+def summary_cells(one: Summary) -> dict[str, str]:
+    """Return what tables show of a summary, by the heads of their columns; a dash where there is no number."""
+    low, high = (100 * end for end in one.success_interval)
+    means = one.time, one.path_ratio, one.clearance, one.discomfort, one.side_changes, one.jerk
+    return {
+        "level": one.level or "all",
+        "policy": one.policy,
+        "episodes": str(one.episodes),
+        "success, % (95 %)": f"{100 * one.success:.1f} ({low:.1f}–{high:.1f})",
+        "hit moving / standing / wall": " / ".join(str(one.outcomes[f"hit-{what}"]) for what in ("moving", "standing", "wall")),
+        "timeout / error": f"{one.outcomes['timeout']} / {one.outcomes['error']}",
+        "time / optimum (95 %)": _shown(one.time_ratio, f"{one.time_ratio:.4f} ({_span(one.time_ratio_interval)})"),
+        **{head: _shown(mean, f"{mean:.2f}") for head, mean in zip(MEANS, means, strict=True)},
+        "cycle, ms: p50 / p99 / longest": " / ".join(_shown(time, f"{time:.2f}") for time in one.cycle),
+    }
+
+
+def rank_cells(rows: Sequence[Row], policies: Sequence[str]) -> list[dict[str, str]]:
+    """Return the ranks of policies, best first, by the heads of a table's columns.
 
     Ranks are by success and by time over the optimum on the episodes that all policies played; the mean time beside them is of
     those that all reached.
     """
+    wins, times = paired(rows, policies)
+    count, shared = len(next(iter(wins.values()), ())), int(metrics.scored_by_all(times).sum())
+    return [
+        {
+            "policy": name,
+            "rank by success": str(rank),
+            f"success in {count} paired, %": f"{100 * mean:.1f}",
+            "rank by time / optimum": place,
+            f"time / optimum in {shared} that all reached": _shown(ratio, f"{ratio:.4f}"),
+        }
+        for name, rank, mean, place, ratio in ranked(wins, times)
+    ]
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """Return the summaries of the rows of one suite, the ranks of its policies and their failures by cause, in Markdown."""
     names = sorted({row.policy for row in rows})
-    heads = ["level", "policy", "episodes", "success, % (95 %)", "hit moving / standing / wall", "timeout / error"]
-    heads += ["time / optimum (95 %)", "time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "side changes"]
-    lines = [_line(heads), _line(["---"] * 2 + ["--:"] * 10)]
     table = summarise(rows, names)
-    for one in table:
-        low, high = (100 * end for end in one.success_interval)
-        cells = (
-            one.level or "all",
-            one.policy,
-            str(one.episodes),
-            f"{100 * one.success:.1f} ({low:.1f}–{high:.1f})",
-            " / ".join(str(one.outcomes[name]) for name in ("hit-moving", "hit-standing", "hit-wall")),
-            " / ".join(str(one.outcomes[name]) for name in ("timeout", "error")),
-            _shown(one.time_ratio, f"{one.time_ratio:.4f} ({span(one.time_ratio_interval)})"),
-            *(
-                _shown(value, f"{value:.2f}")
-                for value in (one.time, one.path_ratio, one.clearance, one.discomfort, one.side_changes)
-            ),
-        )
-        lines.append(_line(cells))
-    wins, times = paired(rows, names)
-    count = len(next(iter(wins.values()), ()))
-    heads = ["policy", "rank by success", f"success in {count} paired, %", "rank by time / optimum"]
-    heads.append(f"time / optimum in {int(metrics.scored_by_all(times).sum())} that all reached")
-    lines += ["", _line(heads), _line(["---"] + ["--:"] * 4)]
-    for name, rank, mean, place, ratio in ranked(wins, times):
-        lines.append(_line((name, str(rank), f"{100 * mean:.1f}", place, _shown(ratio, f"{ratio:.4f}"))))
+    lines = _lines([dict(list(summary_cells(one).items())[:-2]) for one in table], 2)  # without jerk and cycle
+    lines += ["", *_lines(rank_cells(rows, names), 1)]
     failed = [(name, why, count) for name in names for why, count in by_cause(r for r in rows if r.policy == name).items()]
     if failed:
-        lines += ["", _line(["policy", "failures by cause", "episodes"]), _line(["---", "---", "--:"])]
-        lines += [_line((name, why, str(count))) for name, why, count in failed]
+        causes = [{"policy": name, "failures by cause": why, "episodes": str(count)} for name, why, count in failed]
+        lines += ["", *_lines(causes, 2)]
     return "\n".join([*lines, *(part for remark in remarks(table) for part in ("", remark))]) + "\n"
 
 
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+def _lines(rows: Sequence[dict[str, str]], left: int) -> list[str]:
+    """Return a table in Markdown, whose first `left` columns are aligned left."""
+    ruler = ["---"] * left + ["--:"] * (len(rows[0]) - left)
+    return [f"| {' | '.join(cells)} |" for cells in (rows[0], ruler, *(row.values() for row in rows))]
 
 
-def span(ends: metrics.Interval) -> str:
+def _span(ends: metrics.Interval) -> str:
     """Return an interval as text; a dash if there is none."""
     return f"{ends[0]:.3f}–{ends[1]:.3f}" if all(map(math.isfinite, ends)) else "–"
 

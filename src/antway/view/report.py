@@ -10,9 +10,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
-from antway.arena import metrics
 from antway.arena.store import Results, Row
-from antway.arena.summary import Summary, paired, ranked, remarks, sections, span, summarise
+from antway.arena.summary import rank_cells, remarks, sections, summarise, summary_cells
 from antway.view import style
 from antway.view.animation import last_moment
 from antway.view.charts import success_figure, time_ratio_figure
@@ -88,53 +87,18 @@ def _suite(suite: str, rows: list[Row], replays: _Replays) -> str:
     drawn = "".join(f"<div class='wide' role='img' aria-label='{name}'>{style.svg(fig)}</div>" for name, fig in plots.items())
     remarked = "".join(f"<p class='note'>{escape(remark)}</p>" for remark in remarks(table))
     return (
-        f"<section><h2>Suite {escape(suite)}</h2>{_table(table)}{remarked}<div class='plots'>{drawn}</div>"
-        f"{_rank_table(rows, policies)}<h3>Failures</h3>{_gallery(rows, policies, replays)}</section>"
+        f"<section><h2>Suite {escape(suite)}</h2>{_table([summary_cells(one) for one in table])}{remarked}"
+        f"<div class='plots'>{drawn}</div><h3>Which differences are significant</h3><p>A rank is lost to each policy that is "
+        "significantly better: on the same episodes (for time, those in which both reached the goal) the 95 % interval of the "
+        f"difference excludes 0.</p>{_table(rank_cells(rows, policies), ' ranks')}"
+        f"<h3>Failures</h3>{_gallery(rows, policies, replays)}</section>"
     )
 
 
-def _table(table: Sequence[Summary]) -> str:
-    """Return the table with a row for each policy on each level."""
-    heads = (
-        "level", "policy", "episodes", "success", "95 %", "hit moving / standing / wall", "timeout / error",
-        "time / optimum", "95 %", "time s", "length / shortest", "clearance m", "under 0.2 m s", "side changes", "jerk m/s³",
-        "cycle ms p50", "p99", "max",
-    )  # fmt: skip
-    lines = []
-    for one in table:
-        cells = (
-            one.level or "all",
-            one.policy,
-            one.episodes,
-            f"{100 * one.success:.1f} %",
-            f"{100 * one.success_interval[0]:.1f}–{100 * one.success_interval[1]:.1f}",
-            " / ".join(str(one.outcomes[name]) for name in ("hit-moving", "hit-standing", "hit-wall")),
-            " / ".join(str(one.outcomes[name]) for name in ("timeout", "error")),
-            _number(one.time_ratio, 4),
-            span(one.time_ratio_interval),
-            *(_number(v, 2) for v in (one.time, one.path_ratio, one.clearance, one.discomfort, one.side_changes, one.jerk)),
-            *(_number(v, 2) for v in one.cycle),
-        )
-        lines.append(_cells("td", cells))
-    return f"<div class='wide'><table><thead>{_cells('th', heads)}</thead><tbody>{''.join(lines)}</tbody></table></div>"
-
-
-def _rank_table(rows: Sequence[Row], policies: Sequence[str]) -> str:
-    """Return the ranks by success and by time over the optimum; only significantly better policies rank higher."""
-    wins, times = paired(rows, policies)
-    lines = []
-    for name, rank, mean, place, ratio in ranked(wins, times):
-        cells = (name, rank, f"{_number(100 * mean, 1)} %", place, _number(ratio, 4))
-        lines.append(_cells("td", cells))
-    paired_all = len(next(iter(wins.values()), ()))
-    shared = int(metrics.scored_by_all(times).sum())
-    places = "rank by success", f"of {paired_all} paired", "rank by time / optimum"
-    heads = ("policy", *places, f"mean of {shared} that all reached")
-    return (
-        "<h3>Which differences are significant</h3><p>A rank is lost to each policy that is significantly better: on the same "
-        "episodes (for time, those in which both reached the goal) the 95 % interval of the difference excludes 0.</p>"
-        f"<div class='wide ranks'><table><thead>{_cells('th', heads)}</thead><tbody>{''.join(lines)}</tbody></table></div>"
-    )
+def _table(rows: Sequence[dict[str, str]], kind: str = "") -> str:
+    """Return a table of rows of cells by their heads, with a class besides that of wide tables."""
+    lines = (_cells("td", row.values()) for row in rows)
+    return f"<div class='wide{kind}'><table><thead>{_cells('th', rows[0])}</thead><tbody>{''.join(lines)}</tbody></table></div>"
 
 
 def _gallery(rows: Sequence[Row], policies: Sequence[str], replays: _Replays) -> str:
@@ -165,7 +129,3 @@ def _thumbnail(row: Row, replays: _Replays) -> str:
 
 def _cells(tag: str, values: Iterable[object]) -> str:
     return "<tr>" + "".join(f"<{tag}>{escape(str(value))}</{tag}>" for value in values) + "</tr>"
-
-
-def _number(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "–"
