@@ -31,7 +31,7 @@ from antway import (
 from antway.cli import app
 from antway.kernels.trajectory import smooth as kernels
 from antway.trajectory.motion import Motion
-from antway.trajectory.profile import stop_at_corners, straight_legs
+from antway.trajectory.profile import stop_at_corners, straight_legs, without_repeats
 from antway.world.robots import load_robot
 from antway.world.rollouts import finite_limits
 from common import cases, random_grid
@@ -466,6 +466,13 @@ def test_a_path_that_comes_back_to_a_vertex_is_smoothed(drive: str) -> None:
         check_plan(Problem(grid, vertices[0], vertices[-1]), loop)
         found = smooth(loop, robot, grid=grid, trials=5)
         check_motion(grid, robot, found.motion)
+
+
+def test_vertices_that_say_nothing_are_left_out() -> None:
+    """Those that equal the one before, and those on a straight line; the path may turn back."""
+    xy = np.array([(0, 0), (0, 0), (1, 0), (3, 0), (3, 1), (3, 1), (3, 2), (4, 3), (6, 5), (5, 4), (5, 4)], float)
+    assert without_repeats(xy).tolist() == [[0, 0], [3, 0], [3, 2], [6, 5], [5, 4]]
+    assert len(without_repeats(np.zeros((3, 2)))) == 1 and len(without_repeats(np.empty((0, 2)))) == 0
 
 
 def test_vertices_in_nearly_the_same_place_count_once() -> None:
