@@ -144,6 +144,16 @@ def test_a_robot_on_wheels_that_keeps_away_says_so() -> None:
     assert free[True, False] > 30 and free[True, True] < 0.2 * free[True, False], free
 
 
+@pytest.mark.parametrize("latency", [0.1, 0.3])
+def test_latency_is_no_detour(latency: float) -> None:
+    """At rest in an empty room the robot said that it makes a detour around what moves."""
+    late = replace(load_robot("diff"), latency=latency)
+    trace = run(Scenario(World(ROOM), (1.0, 2.5), (9.0, 2.5), late), seed=0).trace
+    assert {(decision.reason, decision.alternatives[0][1] < 0.05) for _, decision in trace.decisions} == {
+        ("the path is free", True)
+    }
+
+
 def test_waiting_costs_what_it_says() -> None:
     """In a corridor just as wide as one that crosses it, to wait is all there is; driven so, the path is free and no sooner."""
     blocked = np.zeros((20, 40), dtype=bool)

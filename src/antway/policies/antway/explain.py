@@ -20,6 +20,7 @@ from antway.policies.antway.state import State
 from antway.policies.antway.tracker import FIRST_OWN_ID
 from antway.policies.encounter import closest_approach, encounter
 from antway.world.policy import XY, Decision
+from antway.world.rollouts import acting
 
 Pheromone = tuple[int, int, NDArray[np.float32]]  # as in `Decision`
 
@@ -47,23 +48,28 @@ def explain_cycle(s: State, why: str, pheromone: Pheromone | None, memory: Memor
     if s.detours.is_cut_off(seen.xy, s.settings.colony.leg_cells):
         made = Decision("stuck", CUT_OFF, guard=s.did[0], pheromone=pheromone)
     else:
-        made = explain(s, snapshot, arrival - t, bound - t, pheromone, memory)
+        then, _ = acting(seen, s.task.robot)  # until the command acts, nothing but the robot's latency delays it
+        free = replace(snapshot, xy=then.xy).free()
+        made = explain(s, snapshot, arrival - then.t, bound - then.t, free, pheromone, memory)
     doubt = _DOUBT if s.tracker.doubts_velocities else ""
     notes = made.reason, why, str(s.yielding), str(s.dance), str(s.response), doubt
     return replace(made, reason="; ".join(filter(None, notes)))
 
 
-def explain(s: State, now: Snapshot, cost: float, bound: float, pheromone: Pheromone | None, memory: Memory) -> Decision:
-    """Return the decision of a control cycle, with the plan in use that starts at or before `now.now`.
+def explain(
+    s: State, now: Snapshot, cost: float, bound: float, free: float, pheromone: Pheromone | None, memory: Memory
+) -> Decision:
+    """Return the decision of a control cycle, with the plan in use.
 
-    It needs `cost` s from here to the goal, and any plan at least `bound` s. `memory` is that in which the ants search.
+    From where the command acts it needs `cost` s to the goal, any plan at least `bound` s, and `free` s if nothing moved.
+    `memory` is that in which the ants search.
     """
     path, (guard, stands) = s.path, s.did
     if path is None:
         return Decision("wait", "no motion is safe at the moment: stand", guard=guard, pheromone=pheromone)
     velocity = _velocity(path, now.now)
     bound = min(cost, bound)  # the bound holds for the moves of the grid, and an any-angle path may be faster
-    late = max(cost - now.free(), 0.0)
+    late = max(cost - free, 0.0)
     waiting = wait_of(path, now.now)
     action = _STEPS.get(guard, "wait" if waiting > 0.0 and stands else "follow")
     k, t, gap = _nearest(now, velocity, float(path.t[-1]) - now.now)
