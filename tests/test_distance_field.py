@@ -91,6 +91,7 @@ def test_inflation_costs() -> None:
     decay = 1 + 252 * np.exp(-5.0 * (clearance - 0.2))
     expected = np.where(clearance <= 0.2, 253.0, np.where(clearance <= 0.8, decay, 1.0))
     np.testing.assert_allclose(costs, expected, rtol=1e-12)
+    assert (inflation_costs(grid, 0.2, 0.8, most=1.0) == 1.0).all()
 
 
 def test_costs_change_the_way() -> None:

@@ -334,7 +334,7 @@ def test_where_jumps_pay() -> None:
     strewn, small = rng.random((1100, 1100)) < 0.1, rng.random((500, 500)) < 0.1
     walls = np.zeros((1100, 1100), dtype=bool)
     walls[::50, :-5] = True
-    assert [jumps_pay(Grid(blocked)) for blocked in (strewn, small, walls)] == [False, True, True]
+    assert [jumps_pay(Grid(blocked)) for blocked in (strewn, small, walls, walls.T)] == [False, True, True, True]
     grid = Grid(strewn)
     start, goal = pick(rng, grid, 2)
     assert jps(Problem(grid, start, goal)).length == astar(Problem(grid, start, goal)).length
