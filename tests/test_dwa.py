@@ -156,29 +156,31 @@ def test_wheels_stop_before_every_wall(aim: float, changes: dict) -> None:
         assert result.outcome.value != "hit-wall", (seed, aim, changes)
 
 
-def test_a_stop_is_clear_where_dense_steps_find_no_wall() -> None:
-    """A period of a twist and then braking, driven in steps of a millisecond: never called clear where that meets a wall."""
+@pytest.mark.parametrize("robot", [WHEELS, RobotSpec(a_max=1.0, brake_max=2.0)])
+def test_a_stop_is_clear_where_dense_steps_find_no_wall(robot: RobotSpec) -> None:
+    """A period of a command and then braking, driven in steps of a millisecond: never called clear where that meets a wall."""
     rng, blocked, dt = np.random.default_rng(3), np.zeros((40, 40), dtype=bool), 0.1
     blocked[:, 30:] = True
     both = set()
     for _ in range(cases(200, 3000)):
         state = RobotState(rng.uniform(4.6, 5.7), 4.0, rng.uniform(-1.5, 1.5), rng.uniform(-0.3, 1), rng.uniform(-1.9, 1.9))
-        twist = float(rng.uniform(-0.3, 1.0)), float(rng.uniform(-1.9, 1.9))
-        clear = stops_clear(*twist, state, WHEELS.limits, dt, terrain_of(Grid(blocked, 0.2)))
+        command = float(rng.uniform(-0.3, 1.0)), float(rng.uniform(-1.9, 1.9))
+        brake = 0.0, command[1] if robot.wheels else 0.0
+        clear = stops_clear(*command, state, robot.limits, dt, terrain_of(Grid(blocked, 0.2)))
         now, gap, t = state, math.inf, 0.0
-        while t < dt or abs(now[3]) > 1e-9:
-            gap = min(gap, 6.0 - WHEELS.radius - now[0])
-            now = drive_cycle(now, *(twist if t < dt - 1e-9 else (0.0, twist[1])), WHEELS.limits, 1e-3)
+        while t < dt or math.hypot(now[3], 0.0 if robot.wheels else now[4]) > 1e-9:
+            gap = min(gap, 6.0 - robot.radius - now[0])
+            now = drive_cycle(now, *(command if t < dt - 1e-9 else brake), robot.limits, 1e-3)
             t += 1e-3
-        gap = min(gap, 6.0 - WHEELS.radius - now[0])
+        gap = min(gap, 6.0 - robot.radius - now[0])
         assert not clear or gap >= -1e-9
         assert clear or gap < 0.005
         both.add(clear)
     assert both == {True, False}
     terrain = terrain_of(Grid(blocked, 0.2))
     for gap in (0.004, 0.02):  # from rest a period and braking take 0.01 m
-        at_rest = RobotState(6.0 - WHEELS.radius - gap, 4.0, 0.0, 0.0, 0.0)
-        assert stops_clear(1.0, 0.0, at_rest, WHEELS.limits, dt, terrain) is (gap > 0.01)
+        at_rest = RobotState(6.0 - robot.radius - gap, 4.0, 0.0, 0.0, 0.0)
+        assert stops_clear(1.0, 0.0, at_rest, robot.limits, dt, terrain) is (gap > 0.01)
 
 
 @pytest.mark.parametrize(("robot", "v"), [(WHEELS, 1.0), (replace(WHEELS, a_max=math.inf, alpha_max=math.inf), 0.0)])

@@ -16,6 +16,7 @@ from antway.world.motions import Bounce, Line
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import cases
+from crossing import crowd
 
 ALL = ["follow", "stop", "replan", "dstarlite", "sipp", "oracle"]
 
@@ -85,6 +86,21 @@ def test_late_wheels_keep_off_walls():
     walls[10:30, 28:32] = True
     robot = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3, latency=0.3)
     assert run(replace(room(walls=walls), robot=robot), "nh-orca").reached
+
+
+WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3, latency=0.2)
+FOR_INSTANT = ["follow", "stop", "replan", "dstarlite", "sipp", "potential-field", "neural", "glasius"]
+
+
+@pytest.mark.parametrize("name", FOR_INSTANT)
+def test_a_robot_with_inertia_keeps_off_walls(name: str) -> None:
+    """Methods for robots that turn at once lead others round two corners as well, and not into walls where discs cross."""
+    walls = np.zeros((40, 60), np.bool_)
+    walls[10:30, 28:32] = True
+    assert run(replace(room(walls=walls), robot=WHEELS), name, record=False).reached
+    for robot, seed in ((WHEELS, 2), (WHEELS, 7), (RobotSpec(a_max=1.0), 2)):
+        result = run(crowd(seed, robot=robot), name, horizon=15.0, record=False)
+        assert result.outcome.value != "hit-wall", (seed, result.time)
 
 
 def test_replan_says_that_it_waits():

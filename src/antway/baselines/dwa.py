@@ -55,6 +55,7 @@ class Dwa(Avoider):
     command. There obstacles stand still, and the weights are 2, 0.2 and 0.2, with which this robot stops before corners.
     """
 
+    knows_inertia = True
     heading: float = 1.0
     dist: float = 2.0
     vel: float | None = None

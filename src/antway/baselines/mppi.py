@@ -47,6 +47,7 @@ class Mppi(Avoider):
     Williams, Drews, Goldfain, Rehg, Theodorou: Information-theoretic model predictive control, IEEE T-RO 34(6), 2018.
     """
 
+    knows_inertia = True
     samples: int = 1000
     horizon: float = 3.0
     block: float = 0.5

@@ -83,6 +83,7 @@ class Neural(Avoider):
         self.frame = np.array([grid.origin[0] - size, grid.origin[1] - size, size])
         self.x, self.order = np.zeros(self.walls.shape), 0
         self.steps = math.ceil(task.robot.v_max * task.robot.dt / size) + 1
+        self.turning = 0.0
         self.decision = Decision("follow", "up the activity")
         for _ in range(MOST):
             if self._sweep(self.walls, rest=True) < SETTLED:

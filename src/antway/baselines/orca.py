@@ -128,6 +128,7 @@ class NhOrca(Orca):
     """
 
     name = "nh-orca"
+    knows_inertia = True
 
     def __init__(
         self,

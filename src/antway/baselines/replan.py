@@ -6,15 +6,17 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import CellBlocked
+from antway.errors import BadInput, CellBlocked
 from antway.grid import Cell, Moves
 from antway.kernels.base.geometry import wall_ahead
+from antway.kernels.baselines.dwa import stops_clear
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, crosses_edge, predict
 from antway.kernels.tracking.tubes import first_conflict
 from antway.planning import Problem, TimedPath
@@ -24,12 +26,13 @@ from antway.search.sipp import NO_SEGMENTS
 from antway.search.sipp import Sipp as SpaceTime
 from antway.world.line_of_sight import clear, goal_of_cells, nearest_free
 from antway.world.nearby import STRAIGHT_IN, TAKEN, approach, contact_radii, keeping_velocity, now, renewed
-from antway.world.policy import XY, Command, Decision, Observation, Task
+from antway.world.policy import XY, Command, Decision, Observation, Task, commanded
 from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
 STOP = Command((0.0, 0.0))
 SHORT = 1e-6  # m; distance to a wall that a step leaves
+SLOWER = (1.0, 0.75, 0.5, 0.25, 0.0)  # shares of the commanded speed that are tried before walls
 FOREVER = 1e6  # s; whoever is predicted for so long stays, and a path that waits for their end is closed
 
 
@@ -39,17 +42,30 @@ class Follow:
     The path is exact over moves in 32 directions (A* with the exact distance field as the heuristic).
     """
 
+    knows_inertia = False  # whether the method allows for a robot's ramps and turns itself
+
     def reset(self, task: Task, seed: int) -> None:
-        """Prepare the distance field."""
+        """Prepare the distance field, for a robot with inertia with room to spare at walls if a path has that."""
         self.task, robot = task, task.robot
-        self.search = SpaceTime(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)
+        spare = 0.0 if robot.stepwise or self.knows_inertia else robot.v_max * robot.dt / 2
+        for width in sorted({robot.radius + spare, robot.radius}, reverse=True):
+            self.wide = replace(task, robot=replace(robot, radius=width, footprint=None))
+            try:
+                self.search = SpaceTime(task.grid, goal_of_cells(self.wide), radius=width, v_max=robot.v_max)
+            except BadInput:  # no room at the goal, or a radius of too many cells
+                if width == robot.radius:
+                    raise
+                continue
+            if math.isfinite(self.search.field[task.grid.cell_at(task.start)]):
+                break
         self.searches = [self.search]
         self.decision = Decision("follow", "the shortest path over the map")
+        self.turning = 0.0  # rad/s; turn rate of the last command of wheels
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o = acting(observation, self.task.robot)[0]
-        return drive(self.task, o, self.path(o))
+        return self.braked(o, drive(self.task, o, self.path(o)))
 
     def path(self, o: Observation, segments: NDArray[np.float64] = NO_SEGMENTS) -> TimedPath:
         """Return the path that arrives first from the robot's place, empty if there is none.
@@ -60,7 +76,7 @@ class Follow:
         if self.search.stands(o.xy):
             return self._first(o.xy, o.t, segments)
         grid = self.task.grid
-        centres = grid.to_xy(np.argwhere(~grid.inflate(self.task.robot.radius).blocked))
+        centres = grid.to_xy(np.argwhere(~grid.inflate(self.search.radius).blocked))
         away = np.hypot(*(centres - o.xy).T)
         i = int(np.argmin(away))
         path = self._first(centres[i], o.t + away[i] / self.task.robot.v_max, segments)
@@ -89,6 +105,23 @@ class Follow:
         seen = next((i for i in reversed(range(len(nodes))) if clear(task, o.xy, nodes[i])), 0)
         return next((node for node in nodes[seen:] if math.dist(o.xy, node) >= beyond), nodes[-1])
 
+    def braked(self, o: Observation, command: Command) -> Command:
+        """Return a command at whose time all is observed, slowed down so that the robot can still brake before walls.
+
+        Methods for robots without inertia need it on others. Wheels that are too near brake on the arc that was clear before.
+        """
+        robot = self.task.robot
+        if robot.stepwise or self.knows_inertia or not clear(self.task, o.xy, o.xy):
+            return command
+        one, two = command.acts(o, robot)
+        state, terrain = o.state_at_action(robot), terrain_of(self.task.grid)
+        for share in SLOWER:
+            ca, cb = share * one, two if robot.wheels else share * two
+            if stops_clear(ca, cb, state, robot.limits, robot.dt, terrain):
+                self.turning = cb
+                return commanded(ca, cb, o.heading, robot)
+        return commanded(0.0, self.turning, o.heading, robot) if robot.wheels else STOP
+
     def explain(self) -> Decision:
         """Return the present decision."""
         return self.decision
@@ -111,10 +144,12 @@ class Avoider(Follow, ABC):
         """Return the command for the next control period."""
         seen, obstacle, command = approach(self.task, observation, self.kept)
         self.at_goal = None if command is not None else obstacle
+        o = acting(seen, self.task.robot)[0]
         if command is None:
-            return self.steer(acting(seen, self.task.robot)[0])
-        self.decide("avoid", STRAIGHT_IN, obstacle=obstacle)
-        return command
+            command = self.steer(o)
+        else:
+            self.decide("avoid", STRAIGHT_IN, obstacle=obstacle)
+        return self.braked(o, command)
 
     @abstractmethod
     def steer(self, observation: Observation) -> Command:
@@ -184,7 +219,7 @@ class Sipp(Avoider):
         """Prepare the distance field."""
         super().reset(task, seed)
         if self.ends_beside:
-            self.searches += within_tolerance(task)
+            self.searches += within_tolerance(self.wide)
         self.edges = True  # whether obstacles are assumed to bounce off the map's edges, until one is seen to cross them
         self.clearance = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
         self.kept = self.clearance + task.grid.resolution - (task.goal_tolerance if self.ends_beside else 0.0)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from antway.kernels.base.arrays import Floats
 from antway.kernels.base.geometry import hits_walls, swept_discs
 from antway.kernels.base.jit import inner_kernel, kernel
-from antway.kernels.base.records import RobotLimits, RobotState, Terrain
+from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState, Terrain
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.motion import REST, drive_roughly
 
@@ -108,17 +108,21 @@ def roll_out_twists(
 
 
 @kernel
-def stops_clear(cv: float, cw: float, state: RobotState, limits: RobotLimits, dt: float, terrain: Terrain) -> bool:
-    """Tell whether a period of the command (cv, cw), followed by (0, cw) until the robot stands, keeps clear of walls.
+def stops_clear(ca: float, cb: float, state: RobotState, limits: RobotLimits, dt: float, terrain: Terrain) -> bool:
+    """Tell whether a period of the command (ca, cb), and then braking until the robot stands, keeps clear of walls.
 
-    The disc that is tested along the chord of each period is enlarged by the distance of the arc from its chord. After such a
-    command (0, cw) is safe, so a robot that uses only such commands never drives into a wall.
+    Wheels brake with the turn rate of the command. The disc that is tested along the chord of each period is enlarged by the
+    distance of the arc from its chord. After such a command braking is safe, so a robot that uses only such commands never
+    drives into a wall.
     """
-    first = True
-    while first or abs(state.a) > REST:
-        fastest = max(abs(state.a), abs(cv)) if first else abs(state.a)
-        later = drive_roughly(state, cv if first else 0.0, cw, limits, dt)
-        bulge = fastest * limits.turn_rate * dt * dt / 8.0 + (_ROUGH if fastest > REST else 0.0)
+    holonomic, first = limits.drive == HOLONOMIC, True
+    while first or math.hypot(state.a, state.b if holonomic else 0.0) > REST:
+        later = drive_roughly(state, ca if first else 0.0, cb if first or not holonomic else 0.0, limits, dt)
+        if holonomic:
+            bulge = math.hypot(later.a - state.a, later.b - state.b) * dt / 8.0
+        else:
+            fastest = max(abs(state.a), abs(ca)) if first else abs(state.a)
+            bulge = fastest * limits.turn_rate * dt * dt / 8.0 + (_ROUGH if fastest > REST else 0.0)
         if hits_walls(terrain, state.x, state.y, later.x, later.y, limits.radius + bulge, True):
             return False
         state, first = later, False
