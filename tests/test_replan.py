@@ -103,6 +103,12 @@ def test_a_robot_with_inertia_keeps_off_walls(name: str) -> None:
         assert result.outcome.value != "hit-wall", (seed, result.time)
 
 
+def test_stop_leaves_somebody_who_is_nearer_than_its_margin():
+    """They stand 3 cm behind it: it need not wait until they have gone farther away."""
+    behind = Obstacle(0.3, Line((0.47, 4.1), (0.47, 4.1), 0.0))
+    assert run(room(behind, horizon=15.0), "stop").reached
+
+
 def test_replan_says_that_it_waits():
     """Somebody stands in a corridor and leaves less space than the margin: a path that waits for 1e6 s is no detour."""
     walls = np.zeros((40, 60), np.bool_)

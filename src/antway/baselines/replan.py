@@ -186,9 +186,10 @@ class Stop(Avoider):
 
     def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
-        o, body = observation, self.task.robot.radius + self.margin
-        path, discs = self.path(o), keeping_velocity(o, o.tracks.radius, self.lookahead)
-        if len(path.t) and first_conflict(path.t, path.xy, o.t + self.lookahead, body, 0.0, discs)[0] < math.inf:
+        o, robot, path = observation, self.task.robot, self.path(observation)
+        radius = contact_radii(o, now(o)[0], o.xy, robot, self.margin) - robot.radius
+        discs = keeping_velocity(o, radius, self.lookahead)
+        if len(path.t) and first_conflict(path.t, path.xy, o.t + self.lookahead, robot.radius, 0.0, discs)[0] < math.inf:
             self.decide("wait", "an obstacle crosses the path ahead")
             return STOP
         self.decide("follow", "the path ahead is free")
