@@ -13,6 +13,7 @@ from antway.arena.suites import Chance, SuiteEpisode, build, episodes, facts, se
 from antway.errors import BadParameter
 from antway.tables import NEED_PYRVO, POLICIES
 from antway.world.motions import Bounce, Line
+from antway.world.policy import Command
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import cases
@@ -101,6 +102,15 @@ def test_a_robot_with_inertia_keeps_off_walls(name: str) -> None:
     for robot, seed in ((WHEELS, 2), (WHEELS, 7), (RobotSpec(a_max=1.0), 2)):
         result = run(crowd(seed, robot=robot), name, horizon=15.0, record=False)
         assert result.outcome.value != "hit-wall", (seed, result.time)
+
+
+def test_wheels_too_near_a_wall_brake_on_the_arc_that_was_clear():
+    """No share of the command is clear of the wall ahead."""
+    policy = make_policy("follow")
+    policy.reset(replace(room(), robot=replace(WHEELS, latency=0.0)).task, 1)
+    policy.turning = 0.7
+    o = Observation(0.0, (11.65, 4.1), (1.0, 0.0), 0.0, Tracks.none())
+    assert policy.braked(o, Command((1.0, 0.0))).twist == (0.0, 0.7)
 
 
 def test_stop_leaves_somebody_who_is_nearer_than_its_margin():
