@@ -82,17 +82,17 @@ class Robot(Node):
     def on_path(self, message) -> None:
         self.paths += len(message.poses) > 1
 
-    def until(self, what: str, true, again=lambda: None) -> None:
-        """Spin until `true()`; do `again` twice a second, as sensors do that keep on sending."""
+    def until(self, what: str, true, again=lambda: None, every: float = 0.5) -> None:
+        """Spin until `true()`; do `again` each `every` s, as sensors do that keep on sending."""
         end = time.monotonic() + TIMEOUT
-        due = time.monotonic() + 0.5
+        due = time.monotonic() + every
         while not true():
             rclpy.spin_once(self, timeout_sec=0.05)
             if time.monotonic() > end:
                 raise SystemExit(f"waited in vain for {what}; the node said {self.printed[-3:]}")
             if time.monotonic() > due:
                 again()
-                due += 0.5
+                due += every
 
     def meets(self) -> None:
         """Wait for the node."""
@@ -107,11 +107,11 @@ class Robot(Node):
         twist = getattr(self.twist, "twist", self.twist)
         return (twist.linear.x, twist.linear.y, twist.angular.z) == (0.0, 0.0, 0.0)
 
-    def hears(self, text: str, again=lambda: None) -> None:
+    def hears(self, text: str, again=lambda: None, every: float = 0.5) -> None:
         """Wait for a diagnostic that holds `text`, said from now on, and for the robot to be stopped."""
         self.printed.clear()
         again()
-        self.until(f"'{text}'", lambda: any(text in one for _, one in self.printed), again)
+        self.until(f"'{text}'", lambda: any(text in one for _, one in self.printed), again, every)
         self.until(f"a stop at '{text}'", self.stands)
 
     def senses(self, o: Observation, base: float, obstacles: bool = True, tf: bool = True) -> None:

@@ -30,7 +30,7 @@ def main() -> None:
     robot.go(place.goal)
     robot.until("driving", lambda: not robot.stands() if robot.twist else False, later)
     for _ in range(2):
-        robot.hears("tf is silent", lambda: [later(tf=False) for _ in range(5)])
+        robot.hears("tf is silent", lambda: [later(tf=False) for _ in range(5)], every=0.1)
     assert not any("no odometry" in text for _, text in robot.printed), "the cause is told, not that it comes to nothing"
 
     base += 1000.0
