@@ -456,7 +456,9 @@ def test_robots_that_are_slower_than_declared_arrive(robot: str, change: str, ha
     named = "" if robot == "holonomic" else robot
     places = hardest + [one for one in product(("clutter", "aisles"), range(6)) if one not in hardest]
     drives = [SuiteEpisode("synthetic", "synthetic", f"{kind}/medium", k, named) for kind, k in places[: costly(12, 12)]]
-    learnt, as_declared = ([play(one, f"antway/learns_response={on}", CHANGES[change]) for one in drives] for on in (True, False))
+    learnt, as_declared = (
+        [play(one, f"antway/learns_response={on}", CHANGES[change]) for one in drives] for on in (True, False)
+    )
     assert {outcome for outcome, _ in learnt} == {"reached"}
     failed = any(outcome != "reached" for outcome, _ in as_declared)
     assert failed or sum(ratio for _, ratio in as_declared) > 1.3 * sum(ratio for _, ratio in learnt)
