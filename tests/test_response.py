@@ -440,7 +440,7 @@ def test_speeds_that_fit_places_are_believed() -> None:
     ("robot", "change", "hardest"),
     [
         ("diff", "latency 0.2", [("clutter", 1), ("clutter", 3), ("aisles", 2)]),
-        ("diff", "slow turns", [("aisles", 2), ("clutter", 1), ("aisles", 4)]),
+        ("diff", "slow turns", [("aisles", 9), ("aisles", 16), ("aisles", 17)]),
         ("holonomic", "latency 0.1", [("clutter", 0), ("clutter", 4), ("aisles", 0)]),
         ("holonomic", "weak", [("clutter", 1), ("clutter", 2), ("aisles", 2)]),
         ("jackal", "latency 0.2", [("clutter", 0), ("clutter", 2), ("aisles", 3)]),
@@ -449,19 +449,15 @@ def test_speeds_that_fit_places_are_believed() -> None:
     ],
 )
 def test_robots_that_are_slower_than_declared_arrive(robot: str, change: str, hardest: list[tuple[str, int]]) -> None:
-    """With what is learnt they all arrive; without it contacts end some of these episodes, or the robots take much longer.
+    """Without what is learnt, contacts with walls and obstacles end some of these episodes; with it they all arrive.
 
     The hardest, which end so without it, are played first; `make test` plays these and few others.
     """
     named = "" if robot == "holonomic" else robot
     places = hardest + [one for one in product(("clutter", "aisles"), range(6)) if one not in hardest]
     drives = [SuiteEpisode("synthetic", "synthetic", f"{kind}/medium", k, named) for kind, k in places[: costly(12, 12)]]
-    learnt, as_declared = (
-        [play(one, f"antway/learns_response={on}", CHANGES[change]) for one in drives] for on in (True, False)
-    )
-    assert {outcome for outcome, _ in learnt} == {"reached"}
-    failed = any(outcome != "reached" for outcome, _ in as_declared)
-    assert failed or sum(ratio for _, ratio in as_declared) > 1.3 * sum(ratio for _, ratio in learnt)
+    assert {play(one, "antway", CHANGES[change])[0] for one in drives} == {"reached"}
+    assert any(play(one, "antway/learns_response=False", CHANGES[change])[0] != "reached" for one in drives)
 
 
 def test_the_explanation_says_what_was_found() -> None:
