@@ -24,7 +24,7 @@ from antway.arena import engines
 from antway.arena.engines import Job, _Worker, bench, local, table_jobs
 from antway.arena.store import Results, Row
 from antway.arena.suites import episodes
-from antway.arena.summary import paired, ranked, sections, summarise
+from antway.arena.summary import markdown, paired, ranked, sections, summarise
 from antway.baselines.replan import Follow
 from antway.cli import main
 from antway.errors import BadParameter, BadResults
@@ -227,6 +227,7 @@ def test_json_and_the_table(tmp_path):
         (["--policies", "sipp/colour=red"], "the options of policy sipp are"),
         (["--policies", "no.such.module:Thing"], "can be imported"),
         (["--engine", "steam"], "local, ray"),
+        (["--robot", ""], "robot = ''"),
         (["--episodes", "0"], "episodes = 0"),
         (["--workers", "-1"], "workers = -1"),
         (["--export", "csv,xls"], "export = 'xls': must be one of csv, json, parquet"),
@@ -380,6 +381,14 @@ def test_versions_are_counted_on_their_own():
     assert list(sections([row, replace(row, version="0.2.0")])) == ["synthetic, antway 0.1.0", "synthetic, antway 0.2.0"]
 
 
+def test_a_name_with_a_bar_stays_in_its_cell_in_markdown():
+    """A policy's option may be any text."""
+    rows = [Row("s", "e", "mine:Policy/kind=a|b", 0, "0", "g", "error", "what | went wrong")]
+    lines = [line for line in markdown(rows).splitlines() if line]
+    assert "mine:Policy/kind=a\\|b" in lines[2] and "a|b" not in "".join(lines)
+    assert {line.count("|") - line.count("\\|") for line in lines[:3]} == {lines[0].count("|")}
+
+
 def test_no_interval_of_a_ratio_is_below_nought():
     """Student's t of two episodes is wider than any time can be short."""
     rows = [Row("s", f"e{k}", "p", k, "0", "g", "reached", "", time=12.0 + 6.0 * k, bound=10.0) for k in range(2)]
@@ -418,7 +427,7 @@ def test_a_process_that_dies_after_its_answer_is_replaced(monkeypatch: pytest.Mo
     give = _Worker.give
 
     def late(worker: _Worker, job: Job) -> None:
-        if hasattr(worker, "job"):  # it has answered before
+        if worker.deadline < math.inf:  # it has answered before
             worker.process.kill()
             worker.process.join()
         give(worker, job)
@@ -427,6 +436,20 @@ def test_a_process_that_dies_after_its_answer_is_replaced(monkeypatch: pytest.Mo
     jobs = table_jobs(episodes("synthetic", 1)[:3], ["follow"])
     rows = [row for row, _ in local(iter(jobs), 1, 60.0)]
     assert [row.key for row in rows] == [job.key for job in jobs] and all(row.outcome != "error" for row in rows)
+
+
+def dies(pipe: object) -> None:
+    """Work as a process that ends before it is ready."""
+    os._exit(3)
+
+
+def test_a_process_that_dies_before_it_is_ready_costs_its_episode(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bench used to end with an EOFError."""
+    monkeypatch.setattr(engines, "_work", dies)
+    jobs = table_jobs(episodes("synthetic", 1)[:2], ["follow"])
+    rows = [row for row, _ in local(iter(jobs), 1, 60.0)]
+    assert [row.key for row in rows] == [job.key for job in jobs]
+    assert all((row.outcome, row.reason) == ("error", "the process died with exit status 3") for row in rows)
 
 
 def test_no_more_processes_than_workers_play_and_none_is_left(monkeypatch: pytest.MonkeyPatch) -> None:

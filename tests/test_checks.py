@@ -67,7 +67,7 @@ def test_an_objective_may_have_a_hyphen() -> None:
 def test_points_arrays_choices_instances() -> None:
     """Each check gives the value in its type or an error of the kind asked for."""
     assert checks.point("xy", np.array([1, 2])) == (1.0, 2.0)
-    for wrong in ("12", b"12", {1: 2, 3: 4}, (1,), (1, math.nan), 5, (1, "2"), np.array(5.0)):
+    for wrong in ("12", b"12", {1: 2, 3: 4}, {1, 2}, frozenset((1, 2)), (1,), (1, math.nan), 5, (1, "2"), np.array(5.0)):
         with pytest.raises(errors.BadParameter):
             checks.point("xy", wrong)
     assert checks.sequence("s", [[1, 2], [3]], "numbers") == [[1, 2], [3]], "ragged ones too"

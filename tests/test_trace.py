@@ -179,8 +179,9 @@ def test_wrong_lists_are_named(tmp_path: Path, name: str, value: object) -> None
     ("key", "value"),
     [
         ("format", "other"),
-        ("version", 3),
+        *(("version", version) for version in (3, 0, True, 2.0, "2", None)),
         ("t", [0, "a"]),
+        ("t", [0.0, 0.1, 0.3, 0.2, 0.4, 0.5, 0.6]),
         ("xy", [[0, 0]]),
         ("outcome", "won"),
         ("seed", -1),

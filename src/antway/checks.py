@@ -116,7 +116,8 @@ def instance(field: str, value: object, kind: type[T]) -> T:
 
 def sequence(field: str, value: object, allowed: str, *, size: int | None = None, where: str = "") -> list[Any]:
     """Return the elements of the iterable `value`, `size` of them unless None."""
-    if not isinstance(value, (str, bytes, dict)) and isinstance(value, Iterable) and getattr(value, "ndim", 1) != 0:
+    no_sequence = isinstance(value, (str, bytes, dict, set, frozenset)) or getattr(value, "ndim", 1) == 0
+    if isinstance(value, Iterable) and not no_sequence:
         parts = list(value)
         if size is None or len(parts) == size:
             return parts

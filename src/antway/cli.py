@@ -304,12 +304,15 @@ def bench_command(
     from antway.arena.suites import episodes as episodes_of
     from antway.arena.summary import markdown, sections, summarise
     from antway.view.report import write_report
+    from antway.world.robots import load_robot
 
     names, kinds = _parts(policies), [checks.choice("export", kind, EXPORTS) for kind in _parts(tables)]
     if "parquet" in kinds and find_spec("pyarrow") is None:
         raise BadParameter("export", tables, "csv and json, or install pyarrow (the extra `arena`)")
     cores = os.cpu_count() or 1 if workers is None else workers
     engines.check_engine(engine, cores, timeout)
+    if robot is not None:
+        load_robot(robot)  # an empty name is none, although it stands for the suite's own robot in `episodes`
     with working("preparing"), redirect_stdout(sys.stderr):
         jobs = engines.table_jobs(episodes_of(suite, episodes, robot or ""), names)
     with writing("out", out):

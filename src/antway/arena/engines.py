@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import multiprocessing
 import os
 import random
@@ -205,8 +206,10 @@ class _Worker:
         with uninterrupted():  # the main process decides when to stop
             self.process.start()
         far.close()
-        self.pipe.recv()  # wait until the worker is ready, since start-up does not count as the policy's time
-        self.give(job)
+        self.job, self.deadline = job, math.inf
+        with suppress(EOFError, OSError):  # a process that has died by now is known by its pipe
+            self.pipe.recv()  # wait until the worker is ready, since start-up does not count as the policy's time
+            self.give(job)
 
     def give(self, job: Job) -> None:
         self.job, self.deadline = job, time.monotonic() + self.timeout

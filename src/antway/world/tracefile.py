@@ -152,7 +152,7 @@ class _Reader:
         top = self.table(
             "trace", record, "format version policy scenario seed outcome reason config task timeline sensed decisions"
         )
-        if top["format"] != FORMAT or top["version"] not in READS:
+        if top["format"] != FORMAT or type(top["version"]) is not int or top["version"] not in READS:
             raise self.bad("format", (top["format"], top["version"]), f"{FORMAT!r} of version {' or '.join(map(str, READS))}")
         arrays = {name: self.floats(name, top.get(name), (None, 2)[:ndim]) for name, ndim in _ARRAYS.items()}
         if "turn_rate" in top:
@@ -163,6 +163,8 @@ class _Reader:
                 raise self.bad(f"{name}.length", len(array), str(rows - (name == "command")))
             if name != "command" and not (np.abs(array) <= MAX_PLACE).all():
                 raise self.bad(name, "a number that is not finite, or too large", f"finite throughout, up to {MAX_PLACE:g}")
+        if (np.diff(arrays["t"]) < 0.0).any():
+            raise self.bad("t", "times of which one is before the last", "times that do not fall")
         timeline = self.timeline(top["timeline"])
         sensed = self.unpack("sensed", top["sensed"], "|b1", 2)
         if sensed.shape != (rows, len(timeline)):
