@@ -21,7 +21,7 @@ from antway.world.policy import Command, Decision
 from antway.world.timeline import Timeline
 from antway.world.trace import Trace
 from antway.world.world import Obstacle
-from common import cases
+from common import cases, costly
 
 WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=2.0, alpha_max=3.0)
 
@@ -264,7 +264,7 @@ def test_the_least_distance_is_that_between_samples(robot: RobotSpec) -> None:
             return Command((robot.v_max, 0.0), (robot.v_max, 0.0))
 
     hall = Grid(np.zeros((10, 100), dtype=bool))
-    for k in range(cases(5, 100)):
+    for k in range(costly(5, 100)):
         stands = (41.3 + 0.7 * k, 5.7)
         world = World(hall, (Obstacle(0.05, Line(stands, stands, 0.0)), Obstacle(0.1, Line((90.0, 6.0), (2.0, 5.8), 3.0))))
         result = run(Scenario(world, (3.0, 5.0), (97.0, 5.0), robot, horizon=30.0), Hurries())

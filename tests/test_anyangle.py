@@ -47,7 +47,7 @@ def test_optimal_on_random_grids() -> None:
 
 def test_all_small_grids() -> None:
     """On every grid of 3 x 3 cells, and nightly of 3 x 4, every pair of cells gets the visibility graph's optimum."""
-    cols = 3 if cases(1, 2) == 1 else 4
+    cols = 3 if costly(1, 2) == 1 else 4
     for bits in range(2 ** (3 * cols)):
         grid = Grid(np.array([bits >> k & 1 for k in range(3 * cols)], dtype=bool).reshape(3, cols))
         cells = [(int(r), int(c)) for r, c in free_cells(grid)]
@@ -180,7 +180,7 @@ def test_known_maps() -> None:
         lines = path.read_text().splitlines()
         grid = Grid(np.array([[c not in ".G" for c in line] for line in lines[4:]]))
         rows = [line.split("\t") for line in path.with_suffix(".map.scen").read_text().splitlines()[1:]]
-        for k in rng.permutation(len(rows))[: cases(6, 500)]:
+        for k in rng.permutation(len(rows))[: costly(6, 500)]:
             c0, r0, c1, r1 = map(int, rows[k][4:8])
             problem = Problem(grid, (r0, c0), (r1, c1))
             plan = anyangle(problem)

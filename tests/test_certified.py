@@ -16,7 +16,7 @@ from antway.kernels.robot.passing import passed_command
 from antway.kernels.robot.reach import SPEED
 from antway.kernels.robot.sweep import Body
 from antway.world.terrain import walls_of
-from common import cases
+from common import cases, costly
 from naive import motion as naive
 
 DT, MARGIN, SIZE, NEARLY = 0.1, 0.02, 0.25, 3e-3
@@ -113,7 +113,7 @@ def least_gaps(robot: Robot, state: RobotState, commands: list[tuple[float, floa
 def test_what_is_certified_is_what_steps_of_a_millisecond_find_clear(drive: str, polygon: bool) -> None:
     """One command, a bend of some cycles and braking: the verdict is that of the samples, but for what is too close to call."""
     rng, said = np.random.default_rng([5, len(drive), polygon]), []
-    for i in range(cases(120, 3000)):
+    for i in range(costly(120, 3000)):
         robot, state, rows = some(rng, drive, polygon, 1 + i % 2)
         if start_gap(robot, state) < MARGIN + 1e-6:
             continue  # it is in a wall, out of which it may drive

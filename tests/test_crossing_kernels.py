@@ -26,7 +26,7 @@ from antway.search.sipp import Sipp
 from antway.world.motions import Bounce
 from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle, World
-from common import cases
+from common import cases, costly
 from crossing import colony, local_problem
 from naive import crossing as naive
 
@@ -58,7 +58,7 @@ def test_unsafe_departures_are_what_sampling_finds() -> None:
     """The interval of departures that lead to contact covers every sampled one, and nothing else."""
     rng = np.random.default_rng(1)
     departures = np.linspace(-2.0, 8.0, 2001)
-    for i in range(cases(400, 10**5)):
+    for i in range(costly(400, 10**5)):
         piece, (x, y), v = random_piece(rng), rng.uniform(-2.0, 2.0, 2), rng.uniform(-1.0, 1.0, 2)
         if i % 7 == 0:  # parallel courses
             v = piece[0, 4:6] * rng.uniform(-1.0, 2.0)
@@ -75,7 +75,7 @@ def test_unsafe_departures_are_what_sampling_finds() -> None:
 def test_earliest_departure_is_safe_and_earliest() -> None:
     """The departure found is safe by sampling, also with lag, and no sampled earlier one is."""
     rng = np.random.default_rng(2)
-    for _ in range(cases(200, 10**4)):
+    for _ in range(costly(200, 10**4)):
         segments = np.vstack([random_piece(rng) for _ in range(6)])
         (x, y), v, duration, stopping_time = (
             rng.uniform(-2, 2, 2),

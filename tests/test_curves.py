@@ -20,7 +20,7 @@ from antway.world.policy import RobotSpec, Task
 from antway.world.robots import load_robot
 from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
-from common import all_seen, cases, changes_of
+from common import all_seen, cases, changes_of, costly
 from naive import people as naive
 
 AIR = Terrain(np.zeros((1, 1), np.bool_), np.zeros((1, 1), np.bool_), -1e6, -1e6, 2e6)
@@ -120,7 +120,7 @@ def test_the_policy_predicts_who_goes_in_circles_and_nobody_else() -> None:
 def test_a_robot_crosses_among_discs_that_go_in_circles(robot: str) -> None:
     """Six discs go around where the robot has to pass; who expects them to go straight waits for each of them."""
     t, times = np.arange(0.0, 60.05, 0.1), []
-    for seed in range(cases(4, 40)):
+    for seed in range(costly(4, 40)):
         rng, discs = np.random.default_rng(seed), []
         for i in range(6):
             radius, speed = rng.uniform(0.8, 2.0), rng.uniform(0.5, 1.1)

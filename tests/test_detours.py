@@ -22,7 +22,7 @@ from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
 from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
-from common import cases
+from common import cases, costly
 from naive import people as naive
 
 DOOR = (8.0, 2.6)  # m; centre of the near doorway
@@ -62,7 +62,7 @@ def test_a_robot_goes_round_what_stays_in_a_doorway(robot: str, motion: Motion) 
     assert result.reached and result.time < (way_there + 2.2 * detour) / drive.robot.v_max
 
 
-@pytest.mark.parametrize("robot", ["holonomic", "diff", "inertia", "turtlebot4", "jackal"][: cases(2, 5)])
+@pytest.mark.parametrize("robot", ["holonomic", "diff", "inertia", "turtlebot4", "jackal"][: costly(2, 5)])
 def test_without_detours_it_waits_forever(robot: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The test above can fail."""
     monkeypatch.setattr(detours, "_STALLED", math.inf)

@@ -15,7 +15,7 @@ from antway.kernels.robot.motion import drive_cycle
 from antway.world.motions import BackAndForth, Line
 from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
-from common import cases
+from common import cases, costly
 from crossing import crowd
 from naive import baselines as naive
 
@@ -115,7 +115,7 @@ def test_rollouts_of_twists_are_the_robots_own_arcs() -> None:
 )
 def test_commands_keep_within_limits(robot: RobotSpec) -> None:
     """Commands and changes of speed keep within limits, and no robot drives into a wall."""
-    for seed in range(cases(2, 30)):
+    for seed in range(costly(2, 30)):
         result = run(crowd(seed, robot=robot), "dwa", horizon=30.0)
         check_episode(result)
         trace = result.trace
@@ -151,7 +151,7 @@ def test_it_arrives_past_what_crosses(robot: RobotSpec) -> None:
 @pytest.mark.parametrize("changes", [{}, {"latency": 0.15}, {"v_reverse": 0.0, "turn_rate": 1.0, "alpha_max": 1.5}])
 def test_wheels_stop_before_every_wall(aim: float, changes: dict) -> None:
     """What is commanded can be braked from before a wall, on the arc that braking takes: not one of 180 episodes hits one."""
-    for seed in range(cases(4, 30)):
+    for seed in range(costly(4, 30)):
         result = run(crowd(seed, robot=replace(WHEELS, **changes)), make_policy("dwa", aim=aim), horizon=30.0, record=False)
         assert result.outcome.value != "hit-wall", (seed, aim, changes)
 
@@ -162,7 +162,7 @@ def test_a_stop_is_clear_where_dense_steps_find_no_wall(robot: RobotSpec) -> Non
     rng, blocked, dt = np.random.default_rng(3), np.zeros((40, 40), dtype=bool), 0.1
     blocked[:, 30:] = True
     both = set()
-    for _ in range(cases(200, 3000)):
+    for _ in range(costly(200, 3000)):
         state = RobotState(rng.uniform(4.6, 5.7), 4.0, rng.uniform(-1.5, 1.5), rng.uniform(-0.3, 1), rng.uniform(-1.9, 1.9))
         command = float(rng.uniform(-0.3, 1.0)), float(rng.uniform(-1.9, 1.9))
         brake = 0.0, command[1] if robot.wheels else 0.0

@@ -20,7 +20,7 @@ from antway.world.sensor import Sensor
 from antway.world.timeline import Timeline
 from antway.world.trace import Outcome
 from antway.world.world import Obstacle
-from common import cases
+from common import cases, costly
 
 ROOM = Grid(np.zeros((60, 60), np.bool_), 0.2)
 
@@ -99,7 +99,7 @@ PLANK = (1.2, 0.2), (-1.2, 0.2), (-1.2, -0.2), (1.2, -0.2)
 def test_who_is_seen_when_is_what_the_rule_says(robot: RobotSpec) -> None:
     """At every scan each person is where the record says, with its velocity, or absent as the rule says, step by step."""
     rng, absent, hits = np.random.default_rng(5), 0, 0
-    for _ in range(cases(40, 400)):
+    for _ in range(costly(40, 400)):
         people, speed = [], float(rng.uniform(0.0, 1.0))
         for begins in (0.0, *rng.uniform(0.1, 5.0, 3).round(1)):
             t = begins + 0.1 * np.arange(-200, 90)

@@ -16,7 +16,7 @@ from antway.world.motions import BackAndForth, Line
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
 from antway.world.trace import Trace
 from antway.world.world import Obstacle
-from common import cases
+from common import cases, costly
 
 HALL = Grid(np.zeros((24, 40), dtype=bool), 0.25)
 AT, TIMEOUT = 2.0, 0.5  # s; when the fault sets in, and the guard's patience
@@ -101,7 +101,7 @@ def test_faults_stop_the_robot_or_do_no_harm(fault: str, policy: str) -> None:
 
     Places that are farther off than the sensor says are outside what the guard promises: there the robot may be met moving.
     """
-    for seed in range(cases(3, 50)):
+    for seed in range(costly(3, 50)):
         scenario = hall(seed)
         horizon = 6.0 if fault in STOPS else 30.0
         result = run(scenario, Faulty(policy, fault, seed), seed=seed, horizon=horizon)
@@ -127,7 +127,7 @@ def test_the_robot_goes_on_within_two_seconds_once_the_way_clears(policy: str) -
     """A gate closed by a disc that then leaves for good: the robot that waited moves on within 2 s (C28)."""
     blocked = np.zeros((24, 40), dtype=bool)
     blocked[:10, 18:22] = blocked[14:, 18:22] = True
-    for seed in range(cases(5, 100)):
+    for seed in range(costly(5, 100)):
         delay = 10.0 + 0.37 * seed
         gate = Obstacle(0.45, Line((5.0, 3.0), (9.4, 0.6), 1.0, delay))
         scenario = Scenario(World(Grid(blocked, 0.25), [gate]), (1.1, 3.1), (9.1, 4.6), horizon=60.0, through_walls=True)

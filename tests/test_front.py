@@ -18,7 +18,7 @@ from antway.kernels.colony import grid_walk as kernel
 from antway.planning import Budget, Problem, Status
 from antway.search.distance_field import dijkstra
 from antway.verify import check_plan
-from common import SHARED, cases, needs_data
+from common import SHARED, cases, costly, needs_data
 from naive import grid_walk as naive
 from test_grid_walk import random_ground, random_weights
 
@@ -70,7 +70,7 @@ def test_fronts_of_length_and_turns_are_found_whole():
         rows = (SHARED / "grids" / f"{name}.txt").read_text().split()
         grid = Grid(np.array([[cell == "@" for cell in row] for row in rows]))
         problem = Problem(grid, (0, 0), (grid.shape[0] - 1, grid.shape[1] - 1), Moves.EIGHT_NOSQUEEZE)
-        seeds, whole = cases(5, 100), 0
+        seeds, whole = costly(5, 100), 0
         for seed in range(seeds):
             front = pareto(problem, seed=seed)
             for plan in front.plans:
@@ -83,7 +83,7 @@ def test_fronts_of_length_and_turns_are_found_whole():
 def test_fronts_of_small_maps_are_exact():
     """On random small maps under all moves the front of length and turns is the exact one in at least 95 % of the cases."""
     rng = np.random.default_rng(3)
-    whole, number = 0, cases(30, 500)
+    whole, number = 0, costly(30, 500)
     for seed in range(number):
         graph = random_ground(rng, 3, 12)
         front = pareto(graph.problem, seed=seed)
@@ -133,7 +133,7 @@ def test_a_front_trades_length_for_clearance():
 def test_who_cuts_a_corner_has_no_clearance(moves):
     """Fronts of length and clearance are those of shortest paths over cells with each clearance, and 0 for cut corners."""
     rng = np.random.default_rng(8)
-    for seed in range(cases(8, 100)):
+    for seed in range(costly(8, 100)):
         blocked = rng.random((7, 9)) < 0.2
         blocked[0, 0] = blocked[-1, -1] = False
         grid, (start, goal) = Grid(blocked, 0.5), ((0, 0), (6, 8))

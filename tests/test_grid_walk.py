@@ -15,7 +15,7 @@ from antway.grid import Grid, Moves
 from antway.kernels.colony import grid_walk as kernel
 from antway.kernels.colony.pheromone import persistence
 from antway.planning import Budget, Problem
-from common import cases, free_cells, random_grid
+from common import cases, costly, free_cells, random_grid
 from naive import grid_walk as naive
 
 ANT_MOVES = [Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT]
@@ -130,7 +130,7 @@ RULE_CASES += [make_rule("mmas", schedule=((0, 1),)), make_rule("eas", elite=2.5
 def test_a_cycle_ends_with_the_pheromone_of_equation_2(rule):
     """Fading and deposits of every rule and persistence agree with the naive twin, edge by edge, to 1e-12."""
     rng = np.random.default_rng(4)
-    for trial in range(cases(5, 100)):
+    for trial in range(costly(5, 100)):
         graph = random_ground(rng)
         trail = Trail(graph, rule, 6, "field")
         walkers = Ants(graph, 6, 40)

@@ -17,7 +17,7 @@ from antway.kernels.robot.sweep import Body
 from antway.policies import guard as guarding
 from antway.policies.guard import Guard
 from antway.world.terrain import walls_of
-from common import cases
+from common import costly
 from test_guard_dynamics import BOUND, COUNT, DT, GOAL, MAPS, POLICIES, SIZE, STARTS, Chasers, some_robot, wish
 
 PARTS, CYCLES = 20, 60  # steps of 5 ms in a cycle, in each of which a disc has one velocity; cycles of an episode
@@ -91,7 +91,7 @@ def episode(seed: int, drive: str, swerve: float) -> tuple[int, int]:
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
 def test_the_promise_holds_where_scans_are_old_and_obstacles_swerve_as_hard_as_declared(drive: str, swerve: float) -> None:
     """C24, C45: 0 contacts in motion and 0 with walls, although what has been seen may have swerved since, or met a wall."""
-    moving, free = np.sum([episode(seed, drive, swerve) for seed in range(cases(40, 4000))], axis=0)
+    moving, free = np.sum([episode(seed, drive, swerve) for seed in range(costly(60, 4000))], axis=0)
     assert moving > 50 and free > 50
 
 

@@ -200,21 +200,21 @@ def total(seeds: range, drive: str, polygon: bool, surge: float, **options: Any)
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
 def test_a_robot_with_inertia_never_moves_into_a_contact(drive: str, surge: float) -> None:
     """C24, C45: whatever is commanded and however obstacles move within their bounds, 0 contacts in motion and 0 with walls."""
-    n = total(range(cases(50, 5000)), drive, False, surge)
+    n = total(range(costly(50, 5000)), drive, False, surge)
     assert n["moving"] > 20 and n["braked"] > 20 and n["slowed"] > 0 and n["free"] > 10, n
 
 
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
 def test_a_robot_with_a_footprint_never_moves_into_a_contact(drive: str) -> None:
     """C24, C45: and so for polygons, whose corners sweep out when they turn."""
-    n = total(range(cases(30, 1700)), drive, True, 0.5)
+    n = total(range(costly(30, 1700)), drive, True, 0.5)
     assert n["moving"] > 10 and n["braked"] > 10 and n["free"] > 5, n
 
 
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
 def test_the_promise_holds_with_lost_scans_and_inertia(drive: str) -> None:
     """With half of the scans lost the promise stands: old tracks count as far as they could have come since."""
-    n = total(range(10_000, 10_000 + cases(30, 1000)), drive, False, 0.5, stale=0.5)
+    n = total(range(10_000, 10_000 + costly(30, 1000)), drive, False, 0.5, stale=0.5)
     assert n["moving"] > 5, n
 
 
@@ -222,7 +222,7 @@ def test_the_promise_holds_with_lost_scans_and_inertia(drive: str) -> None:
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
 def test_the_promise_holds_where_obstacles_swerve_no_faster_than_declared(drive: str, swerve: float) -> None:
     """C24, C45: with a declared bound on changes of velocity the guard lets more pass, and still nothing ends in a contact."""
-    seeds = range(20_000, 20_000 + cases(30, 3000))
+    seeds = range(20_000, 20_000 + costly(30, 3000))
     bounded = total(seeds, drive, False, math.inf, swerve=swerve)
     assert bounded["moving"] > 20 and bounded["braked"] + bounded["slowed"] > 5, bounded
 
@@ -231,7 +231,7 @@ def test_the_promise_holds_where_obstacles_swerve_no_faster_than_declared(drive:
 @pytest.mark.parametrize("drive", ["differential", "ackermann"])
 def test_policy_antway_on_wheels_never_moves_into_a_contact(drive: str, mode: str) -> None:
     """C45: what it drives among chasers by itself, 20 s at most: no contact in motion where it is strict, and never a wall."""
-    seeds = range(30_000, 30_000 + cases(3, 1000))
+    seeds = range(30_000, 30_000 + costly(6, 1000))
     n = total(seeds, drive, False, 0.5, mode=mode)
     calm = total(seeds, drive, False, 0.5, swerve=1.0, mode=mode)
     assert n["moving"] > 10 and calm["moving"] > 10, (n, calm)
@@ -242,7 +242,7 @@ def test_policy_antway_on_wheels_never_moves_into_a_contact(drive: str, mode: st
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
 def test_a_robot_whose_rates_are_infinite_never_moves_into_a_contact(drive: str, polygon: bool) -> None:
     """C24, C45: and so where speeds change at once, or where they only fall in time, at the very end of a cycle too."""
-    n = total(range(50_000, 50_000 + cases(66, 1500)), drive, polygon, math.inf, at_once=True)
+    n = total(range(50_000, 50_000 + costly(66, 1500)), drive, polygon, math.inf, at_once=True)
     assert n["moving"] > 20 and n["braked"] > 20, n
 
 

@@ -15,7 +15,7 @@ from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.nodes import make_context
 from antway.world.policy import Task
-from common import cases
+from common import cases, costly
 from naive.lattice import least_bound
 from naive.rollout import cost_of, least_of_arcs
 
@@ -57,7 +57,7 @@ def test_the_search_is_best_first(robot: RobotSpec, seed: int) -> None:
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC, CAR], ids=["wheels", "holonomic", "car"])
-@pytest.mark.parametrize("seed", range(cases(2)))
+@pytest.mark.parametrize("seed", range(costly(2)))
 def test_what_is_found_costs_what_its_definition_says(robot: RobotSpec, seed: int) -> None:
     """No sequence of two arcs costs less than the least of all."""
     colony = _colony(robot, np.random.default_rng(seed))

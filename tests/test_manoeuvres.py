@@ -11,7 +11,7 @@ import pytest
 from antway import Grid, InvalidPlan, RobotSpec, Scenario, World, check_episode
 from antway.world.episode import Episode
 from antway.world.manoeuvres import manoeuvre_losses, manoeuvre_times
-from common import cases
+from common import costly
 from naive import manoeuvres as naive
 
 CAR = RobotSpec(drive="ackermann", v_max=1.5, a_max=1.0, brake_max=1.4, v_reverse=0.3, turning_radius=0.8)
@@ -24,7 +24,7 @@ def test_manoeuvres_take_as_long_as_the_slow_twin_finds(v_reverse: float) -> Non
     assert times.shape == (121, 121) and np.isfinite(times).all() and times[60, 60] < 0.01
     assert times == pytest.approx(times[::-1])  # to the left as to the right
     differences = []
-    for i, j in rng.integers(0, 121, (cases(6, 200), 2)).tolist():
+    for i, j in rng.integers(0, 121, (costly(6, 200), 2)).tolist():
         goal = 0.04 * (j - 60), 0.04 * (i - 60)
         differences.append(times[i, j] - naive.least_time(goal, 0.2, robot))
     # The tolerance is that of whole nodes, up to 0.04 m too short, and pieces have fewer lengths.

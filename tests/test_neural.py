@@ -12,7 +12,7 @@ from antway.kernels.baselines.neural import CLOSED, FREE, TARGET, ascend, relax,
 from antway.world.motions import BackAndForth
 from antway.world.policy import Task
 from antway.world.world import Obstacle
-from common import cases
+from common import cases, costly
 from naive import baselines as naive
 
 POINT = RobotSpec(radius=0.1)
@@ -57,7 +57,7 @@ def test_glasius_comes_to_the_fixed_point() -> None:
 def test_shunting_neurons_come_to_rest_where_the_equations_do() -> None:
     """Sweeps with infinite and with finite spans end where Euler's method does, within [-1, 1], negative in walls alone."""
     rng = np.random.default_rng(1)
-    for _ in range(cases(2, 50)):
+    for _ in range(costly(2, 50)):
         kind = kinds(rng, 4, 5)
         slow = naive.shunted(kind[1:-1, 1:-1], 3.0, 1e-3)
         for span in (math.inf, 0.05):

@@ -36,7 +36,7 @@ from antway.world.motions import BackAndForth, Bounce, Line
 from antway.world.policy import Observation, Task, Tracks
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
-from common import cases
+from common import cases, costly
 
 GOLDEN = Path(__file__).parent / "golden" / "traces.json"
 HALL = Grid(np.zeros((24, 40), dtype=bool), 0.25)
@@ -51,7 +51,7 @@ def hall(*obstacles: Obstacle, **changes) -> Scenario:
 def test_the_shipped_scenes_are_crossed_without_contact(name: str, policy: str) -> None:
     """Seed after seed the robot reaches the goal, touches nothing, and the verifier agrees."""
     scenario = load_scenario(scene(name))
-    for seed in range(cases(4, 50)):
+    for seed in range(costly(4, 50)):
         result = run(scenario, policy, seed=seed)
         check_episode(result)
         assert result.reached, (name, seed, result.outcome, result.reason)
@@ -136,7 +136,7 @@ def crowded(seed: int, robot: RobotSpec) -> Scenario:
 def test_crowded_rooms_are_crossed_by_every_robot(robot: RobotSpec) -> None:
     """With inertia, wheels or neither the robot keeps off walls, hardly ever touches a disc, and mostly arrives in time."""
     outcomes = []
-    for seed in range(cases(4, 40)):
+    for seed in range(costly(4, 40)):
         result = run(crowded(seed, robot), "paper", seed=seed)
         check_episode(result)
         outcomes.append(result.outcome)
@@ -289,7 +289,7 @@ def test_golden_traces() -> None:
 def test_a_robot_that_cannot_turn_or_stop_at_once_has_a_guard(late: dict) -> None:
     """Commands come late, or a car turns, though no acceleration is declared: the guard stops it before who comes ahead."""
     robot = RobotSpec(radius=0.3, dt=0.2, sensor_range=9.0, **late)
-    for seed in range(cases(8, 200)):
+    for seed in range(costly(8, 200)):
         rng = np.random.default_rng(seed)
         places = [(float(x), float(rng.uniform(0.6, 5.4))) for x in np.linspace(3.5, 9.0, 6)]
         discs = (Obstacle(0.3, Bounce(xy, float(rng.uniform(0.5, 1.2)))) for xy in places)

@@ -54,7 +54,7 @@ from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
 from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
-from common import SHARED, all_seen, cases, changes_of, needs_data
+from common import SHARED, all_seen, cases, changes_of, costly, needs_data
 from naive import people as naive
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -129,7 +129,7 @@ def test_harm_looks_ahead_for_as_many_periods_as_it_needs(dt: float) -> None:
 def test_least_harm_is_the_least_of_its_slow_twin(drive: int) -> None:
     """Among people and walls, of what is clear of these, whatever is commanded; it is often neither that nor a stand."""
     rng, chosen = np.random.default_rng(2), []
-    for _ in range(cases(6, 300)):
+    for _ in range(costly(6, 300)):
         grid = Grid(rng.random((12, 12)) < 0.08, 0.5)
         limits = LIMITS._replace(a_max=float(rng.choice([1.0, 2.0])), drive=drive)
         free = np.argwhere(grid.clearance() > 0.5)

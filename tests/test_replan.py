@@ -16,7 +16,7 @@ from antway.world.motions import Bounce, Line
 from antway.world.policy import Command
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
-from common import cases
+from common import costly
 from crossing import crowd
 
 ALL = ["follow", "stop", "replan", "dstarlite", "sipp", "oracle"]
@@ -142,7 +142,7 @@ def test_stop_waits():
 def test_nothing_is_touched_where_the_future_is_known(name):
     """Where everything is seen and keeps its velocity, `sipp` touches nothing; `oracle` does not where discs bounce, either."""
     solved = 0
-    for k in range(cases(40, 1000)):
+    for k in range(costly(40, 1000)):
         chance = Chance(seed_of("known future", k))
         obstacles = []
         while len(obstacles) < 12:
@@ -160,12 +160,12 @@ def test_nothing_is_touched_where_the_future_is_known(name):
         result = run(scenario, policy, seed=k)
         assert not result.outcome.value.startswith("hit-"), (k, result.reason)
         solved += result.reached
-    assert solved >= 0.95 * cases(40, 1000)
+    assert solved >= 0.95 * costly(40, 1000)
 
 
 def test_the_oracle_is_a_bound():
     """On synthetic worlds the oracle touches nothing and nobody beats the optimum by more than its grid allows."""
-    for episode in episodes("synthetic", cases(1, 20)):
+    for episode in episodes("synthetic", costly(1, 20)):
         scenario, known = stage(episode)
         best = run(scenario, "oracle", seed=episode.seed)
         # In the last period the oracle drives straight to the goal, and may be within its tolerance some milliseconds sooner.

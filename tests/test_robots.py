@@ -34,7 +34,7 @@ from antway.world.motions import Bounce, Replay
 from antway.world.robots import ROBOTS, load_robot, towards
 from antway.world.trace import Trace
 from antway.world.world import Obstacle
-from common import cases
+from common import cases, costly
 
 EXTRA = {
     "tricycle": RobotSpec(drive="ackermann", a_max=1.0, turning_radius=0.6, v_reverse=0.3, alpha_max=4.0, latency=0.13),
@@ -84,7 +84,7 @@ def hall(rng: np.random.Generator, robot: RobotSpec, discs: int = 4) -> Scenario
 def test_what_is_played_passes_the_check(name: str, tmp_path: Path) -> None:
     """Wild episodes of every robot, with and without a guard, pass the independent check; traces read back equal."""
     rng = np.random.default_rng(len(name))
-    for seed in range(cases(3, 300)):
+    for seed in range(costly(3, 300)):
         for policy in (Wanderer(), Guarded(Wanderer())):
             result = run(hall(rng, EVERY[name]), policy, seed=seed)
             check_episode(result)
@@ -99,7 +99,7 @@ def test_what_is_played_passes_the_check(name: str, tmp_path: Path) -> None:
 def test_robots_of_every_kind_pass_the_check() -> None:
     """A car's speed, which holds its steering, passes 0 or its target amid a step; rates are infinite now and then."""
     rng = np.random.default_rng(1)
-    for seed in range(cases(30, 3000)):
+    for seed in range(costly(30, 3000)):
         v, a = rng.uniform(0.3, 2.0), rng.uniform(0.4, 3.0)
         car = RobotSpec(
             drive="ackermann",

@@ -32,7 +32,7 @@ from antway.world.robots import load_robot
 from antway.world.rollouts import finite_limits
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
-from common import cases, costly, judge
+from common import costly, judge
 from naive import rollout as naive
 
 WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
@@ -528,7 +528,7 @@ def test_slow_robots_keep_more_room() -> None:
 )
 def test_wheels_whose_speed_changes_at_once_arrive(robot: RobotSpec) -> None:
     """A robot of which nobody says how it accelerates is driven by the colony, too; the plan alone knows no heading."""
-    for number in range(cases(2, 50)):
+    for number in range(costly(2, 50)):
         result = run(build(SuiteEpisode("synthetic", "synthetic", "clutter/medium", number, "")).driven_by(robot), seed=number)
         check_episode(result)
         assert result.reached, (number, result.reason)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from common import cases
+from common import costly
 
 HERE = Path(__file__).resolve().parent
 BIN = HERE.parent / ".venv-ros" / "bin"
@@ -94,7 +94,7 @@ def test_a_robot_reaches_its_goal(tmp_path):
     The map comes late and once malformed; sensors fall silent, the clock jumps, a goal is pre-empted and dropped: each time the
     node stops the robot and says why. GetPlan's path is as long as that of the verified planner.
     """
-    episodes = cases(3, 20)
+    episodes = costly(3, 20)
     result = beside(NODE, PAPER, tmp_path, "robot.py", episodes, timeout=300 + 120 * episodes)
     assert len(result["episodes"]) == episodes and result["paths"] > 0
     for one in result["episodes"]:
@@ -207,7 +207,7 @@ def test_the_guards_process_brakes_for_a_node_that_is_stopped_or_killed(drive):
     The guard takes missing odometry for late, not for missing, for half a period. A machine that lets the process that sends
     odometry, or that of the guard, wait for so long makes it later by as much.
     """
-    period, stops = 0.2, cases(3, 30)
+    period, stops = 0.2, costly(3, 30)
     settings = {"autostart": True, "robot.drive": drive, "robot.dynamics": "ramps", "robot.dt": period, "guard_process": True}
     result = script("outlives.py", stops, period, BIN / NODE[0], *NODE[1:], *arguments(settings), timeout=120 + 20 * stops)
     assert len(result["took"]) == stops + 1
@@ -220,7 +220,7 @@ def test_the_guards_process_brakes_for_a_node_that_is_stopped_or_killed(drive):
 @pytest.mark.timeout(1200)
 def test_up_and_down():
     """Up and down 100 times neither fails nor leaks memory or files; parameters have the ranges that their definitions have."""
-    cycles = cases(100, 1000)
+    cycles = costly(100, 1000)
     result = script("cycles.py", cycles, timeout=300 + 2 * cycles)
     assert result["poses"] > 20, "a plan that was asked for is answered before the service closes"
     (early, files), (late, files_late) = result["resources"]

@@ -19,7 +19,7 @@ from antway.ros2.scan import FIRST_ID, Background, Laser, ScanTracker, discs, ne
 from antway.ros2.settings import Settings
 from antway.scenes import scene
 from antway.world.policy import Command, Decision, Observation, Tracks
-from common import cases, random_grid
+from common import cases, costly, random_grid
 from fake_ros import defaults
 from naive.laser import measured
 
@@ -381,7 +381,7 @@ class Seeing:
 def test_a_robot_that_sees_by_laser_alone_reaches_its_goal():
     """In scene paper, on a map that is turned, among obstacles seen by laser alone: no contact, and the goal is reached."""
     place = load_scenario(scene("paper"))
-    for seed in range(cases(1, 40)):
+    for seed in range(costly(1, 40)):
         robot = Seeing((3.0, -2.0, 0.7), **{"task.obstacle_speed": 1.0})
         result = run(place, robot, seed=seed)
         check_episode(result)

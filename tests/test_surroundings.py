@@ -17,7 +17,7 @@ import pytest
 
 from antway.errors import BadInput
 from antway.world.trace import Trace
-from common import cases
+from common import costly
 
 RUN = ("run", "paper", "--policy", "follow")
 
@@ -105,7 +105,7 @@ def test_an_interrupt_at_any_time_is_quiet(tmp_path: Path, seconds: float) -> No
 
     It comes once in each part of the time that a run takes here.
     """
-    rng, n = np.random.default_rng(1), cases(3, 200)
+    rng, n = np.random.default_rng(1), costly(3, 200)
     for share in (np.arange(n) + rng.random(n)) / n:
         delay = seconds * (0.3 + 0.7 * float(share))
         status, errors = interrupted(delay, signal.SIGINT, tmp_path / "out")
@@ -148,7 +148,7 @@ def test_an_interrupt_waits_until_a_delicate_module_is_left(module: str) -> None
 def test_what_a_killed_run_leaves_is_sound_or_refused(tmp_path: Path, seconds: float) -> None:
     """kill -9 leaves no trace, a sound one, or one that is refused; the next run to the same folder succeeds."""
     rng, out = np.random.default_rng(2), tmp_path / "out"
-    for share in rng.uniform(0.3, 1.1, cases(2, 50)):
+    for share in rng.uniform(0.3, 1.1, costly(2, 50)):
         status, _ = interrupted(seconds * float(share), signal.SIGKILL, out)
         assert status in (-signal.SIGKILL, 5)
         if (out / "trace.json").exists():

@@ -25,7 +25,7 @@ from antway.kernels.robot.sweep import (
     straight,
 )
 from antway.world.terrain import walls_of
-from common import cases
+from common import cases, costly
 from naive import motion as naive
 
 SHAPES = {
@@ -109,7 +109,7 @@ def test_a_gap_stays_open_for_as_long_as_told(shape: str) -> None:
 def test_a_disc_is_met_and_passed_where_dense_samples_are(shape: str) -> None:
     """The first contact, also with a disc that is fast, and the smallest gap, on segments of many lengths."""
     rng, told = np.random.default_rng(3), [0, 0]
-    for _ in range(cases(40, 4000)):
+    for _ in range(costly(40, 4000)):
         h = float(rng.choice([0.003, 0.1, 0.8]))
         m, body = some_segment(rng, h), body_of(shape, rng)
         angle, away, radius = rng.uniform(-4.0, 4.0), body.radius + rng.uniform(0.0, 0.5), float(rng.choice([0.05, 0.4]))

@@ -27,7 +27,7 @@ from antway.kernels.colony.window_search import MoveOptions, refresh, settle, sh
 from antway.tours.ordering import order_stops
 from antway.tours.time_windows import Tsptw, parse
 from antway.tours.windowed import Path
-from common import SHARED, cases, needs_data
+from common import SHARED, cases, costly, needs_data
 from mapfiles import spoil
 
 TSPTW = SHARED / "tsptw"
@@ -294,7 +294,7 @@ def test_ants_follow_the_pheromone_in_both_directions(backward: bool) -> None:
 def test_local_search_against_driving(makespan: bool) -> None:
     """Moves keep a feasible order feasible, its times right, and settling leaves no better exchange of neighbouring parts."""
     rng, settled = np.random.default_rng(4), 0
-    for case in range(cases(40, 1_000)):
+    for case in range(costly(40, 1_000)):
         instance = task(rng, 5, 9, 60.0)
         n = instance.size
         again = np.append(np.arange(n), 0)

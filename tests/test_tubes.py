@@ -12,7 +12,7 @@ from antway.kernels.tracking.tubes import first_conflict
 from antway.policies.paper.routes import PathsFrom, StaticRoutes
 from antway.policies.paper.tubes import Tubes
 from antway.world.policy import Observation, Tracks
-from common import cases, free_cells, random_grid
+from common import cases, costly, free_cells, random_grid
 
 OPEN = Grid(np.zeros((40, 40), dtype=bool), 0.25)
 
@@ -35,7 +35,7 @@ def gap(trajectory: Tubes, t: float, x: float, y: float, growth: float) -> float
 def test_where_the_robot_can_stand_is_what_sampling_finds() -> None:
     """A place is free exactly if no sampled instant from arrival on finds it in a tube, but for a hair's breadth."""
     rng = np.random.default_rng(3)
-    for _ in range(cases(40, 2000)):
+    for _ in range(costly(40, 2000)):
         trajectory, t, xy = tubes(rng), rng.uniform(0, 7, 8), rng.uniform(1, 9, (8, 2))
         found = trajectory.standing(t, xy, 6.0, 0.4, 0.0, 8)
         free = np.isin(np.arange(8), found)
@@ -86,7 +86,7 @@ def test_every_cell_is_asked_that_a_tube_may_close() -> None:
 def test_conflicts_are_those_that_sampling_finds() -> None:
     """The first conflict of a timed path is the first sampled instant within a tube; without one there is none."""
     rng = np.random.default_rng(4)
-    for _ in range(cases(40, 2000)):
+    for _ in range(costly(40, 2000)):
         trajectory, xy = tubes(rng), rng.uniform(1, 9, (4, 2))
         t = np.cumsum(rng.uniform(0.5, 2.0, 4))
         when, obstacle = first_conflict(t, xy, 7.0, 0.3, 0.0, trajectory.trajectories)

@@ -27,7 +27,7 @@ from antway.world.rollouts import empty_outlook
 from antway.world.terrain import terrain_of
 from antway.world.trace import Outcome
 from antway.world.world import Obstacle
-from common import all_seen, cases
+from common import all_seen, cases, costly
 from naive import people as naive
 from naive import rollout as naive_rollout
 
@@ -153,7 +153,7 @@ def test_an_outlook_is_what_its_slow_twin_finds(count: int) -> None:
     """All that is near, each in a column of its own, whatever is far and comes between; of too many the nearest."""
     rng, steps, margins = np.random.default_rng(count), 12, Margins(0.01, 0.05, 2.0, 0.8, 0.4, 0.15, 2.0)
     outlook = empty_outlook(steps)
-    for _ in range(cases(5, 500)):
+    for _ in range(costly(5, 500)):
         now, change, dt = float(rng.choice([0.0, 7.3])), float(rng.choice([0.0, 0.9])), float(rng.choice([0.1, 0.3]))
         tracks, sigma = [_walks(rng, now, k) for k in range(count)], rng.uniform(0.0, 0.2, (count, 2))
         segments = np.vstack([np.empty((0, 8)), *tracks])
@@ -257,7 +257,7 @@ def test_nobody_who_walks_ahead_and_stops_is_touched(stops_for: float) -> None:
     x = 3.0 + 0.8 * (t - 0.5 * np.maximum(t - 2.5, 0.0) ** 2 / stops_for)
     ahead = Obstacle(0.25, Replay(tuple(t.tolist()), tuple((at, 1.75) for at in x.tolist())))
     corridor = Scenario(World(Grid(blocked, 0.1), [ahead]), (1.5, 1.75), (18.0, 1.75), load_robot("amr"), horizon=15.0)
-    for seed in range(cases(2, 20)):
+    for seed in range(costly(2, 20)):
         result = run(corridor, "antway", seed=seed)
         check_episode(result)
         assert result.outcome is Outcome.TIMEOUT and result.trace.xy[-1, 0] > 3.0
