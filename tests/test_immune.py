@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from antway.ants.grid_walk import AntGraph, Ants, Trail
 from antway.ants.immune import (
     Immune,
     Immunity,
@@ -16,7 +17,10 @@ from antway.ants.immune import (
     vaccinate_tour,
     vaccines,
 )
+from antway.ants.rules import make_rule
+from antway.grid import Grid
 from antway.kernels.base import rng
+from antway.planning import Problem
 from common import cases
 
 
@@ -90,3 +94,16 @@ def test_no_ant_gets_worse_by_vaccination():
         assert (after <= costs).all() and np.allclose(after, [cost(tour) for tour in tours])
         assert ((scale > 0) & (scale <= 1)).all()
         assert len(immunity.elites) <= 10 and immunity.elites[0][0] <= after.min()
+
+
+def test_a_vaccinated_path_may_be_as_long_as_an_ant_may_go():
+    """A path of as many moves as there are steps is kept; it used to be dropped, though ants may walk it."""
+    graph = AntGraph(Problem(Grid(np.zeros((5, 3), dtype=bool)), (0, 0), (4, 1)))
+    straight = [(0, 0), (1, 0), (2, 0), (3, 0), (3, 1), (4, 1)]
+    oblique, elsewhere = [(0, 0), (1, 1), (2, 0), (3, 1), (4, 1)], [*straight[:-1], (3, 2)]
+    best, path, other = (np.array([graph.net.at(cell) for cell in cells]) for cells in (straight, oblique, elsewhere))
+    immunity = Immunity(Immune(temperature=0.0, vaccinated=1.0, share=1.0), False, 0, [(5.0, best), (5.0, other)])
+    walkers, trail = Ants(graph, 1, 5), Trail(graph, make_rule("as"), 1, "field")
+    walkers.moves[0, :4], walkers.depth[0], walkers.length[0] = graph.moves(path), 4, 1 + 3 * 2**0.5
+    trail.learn(walkers, 0, immunity)
+    assert trail.best == 5.0 and graph.cells(trail.path).tolist() == best.tolist()

@@ -248,7 +248,7 @@ class Trail:
             t,
             [graph.cells(walkers.path(int(ant))) for ant in arrived],
             walkers.length[arrived],
-            lambda cells: length_of(graph.moves(cells)) if len(cells) <= walkers.limit else math.inf,
+            lambda cells: length_of(graph.moves(cells)) if len(cells) <= walkers.limit + 1 else math.inf,
             vaccinate_path,
         )
         for ant, cells in zip(arrived, paths):
