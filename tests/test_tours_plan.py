@@ -407,6 +407,10 @@ def test_a_file_of_stops_is_read(tmp_path) -> None:
     assert load_stops(file).priorities is None
     file.write_text("1,2\n3,4\n", encoding="utf-8")
     assert load_stops(file).stops == ((1.0, 2.0), (3.0, 4.0))
+    file.write_text('#,"a\nx,y\n1,2\n # 5",6\n3,4\n', encoding="utf-8")  # quotes in comments used to hide a stop
+    assert load_stops(file).stops == ((1.0, 2.0), (3.0, 4.0))
+    file.write_text('name,x,y\n"#1",1,2\nb,3,4\n', encoding="utf-8")  # a name is no comment
+    assert load_stops(file).names == ("#1", "b")
 
 
 @pytest.mark.parametrize(

@@ -61,12 +61,9 @@ def load_stops(path: str | PathLike[str]) -> StopFile:
     file = as_path(path)
     text = read_text(file, MAX_BYTES)
     try:
-        lines = csv.reader(io.StringIO(text), strict=True)
-        rows = [
-            (lines.line_num, [entry.strip() for entry in row])
-            for row in lines
-            if any(entry.strip() for entry in row) and not row[0].lstrip().startswith("#")
-        ]
+        # Comments go first: quotes in them mean nothing, and a quoted name may begin with #.
+        lines = csv.reader(("\n" if line.lstrip().startswith("#") else line for line in io.StringIO(text)), strict=True)
+        rows = [(lines.line_num, [entry.strip() for entry in row]) for row in lines if any(entry.strip() for entry in row)]
     except csv.Error as fault:
         raise BadMap("file", file.name, f"comma-separated values in UTF-8 ({fault})", where=str(file)) from None
     columns = _columns(rows[0][1], f"{file}:{rows[0][0]}") if rows else []
