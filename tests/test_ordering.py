@@ -13,7 +13,9 @@ import pytest
 import naive.ordering as naive
 from antway.errors import BadInput, BadParameter, TooLarge
 from antway.kernels.colony import fleet as kernel
+from antway.tours.fleet import _fleet, layout
 from antway.tours.ordering import Ordering, order_stops
+from antway.tours.stops import Stops
 from common import cases
 
 
@@ -505,6 +507,21 @@ def test_robots_that_start_elsewhere_visit_their_earlier_start_once() -> None:
         windows = np.c_[np.zeros(8), rng.random(8) * 12]  # there is always a late one
         after = order_stops(matrix, start=7, robots=2, windows=windows, initial=before, seconds=0.0, quick=True)
         sound(after, matrix, 7, None, 2, whole=True)
+
+
+def test_an_end_is_a_stop_or_the_start() -> None:
+    with pytest.raises(BadParameter, match=r"an integer in \[0, 2\], start or None"):
+        order_stops(np.ones((3, 3)), end="finish")
+
+
+def test_all_other_stops_are_near_a_stop_also_where_few_arcs_exist() -> None:
+    """A stop used to be near itself, in place of the last of the stops to which there is no path."""
+    matrix = np.full((6, 6), math.inf)
+    matrix[0], matrix[:, 0], matrix[1, 2], matrix[4, 1] = 1.0, 1.0, 1.0, 2.0
+    stops = Stops(matrix, 0, None, None, None, None, math.inf, 2, "travel time")
+    near = _fleet(stops, *layout(stops))[0].near
+    assert [sorted(near[i]) for i in range(1, 6)] == [[j for j in range(1, 6) if j != i] for i in range(1, 6)]
+    assert near[1].tolist() == [2, 4, 3, 5]
 
 
 def test_too_many_stops() -> None:

@@ -112,7 +112,7 @@ def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floa
     horizon = float(opens.max() + times.max(axis=1).sum()) + 1.0
     closes = np.minimum(closes, horizon) + 8 * n * np.spacing(horizon)  # more than the rounding errors of sums
     inner = np.minimum(spans[1:-1, 1:-1], spans[1:-1, 1:-1].T)
-    np.fill_diagonal(inner, np.inf)
+    np.fill_diagonal(inner, np.nan)  # sorted last, after stops to which there is no path
     near = np.pad(1 + np.argsort(inner, axis=1, kind="stable")[:, : n - 3].astype(np.int32), ((1, 1), (0, 0)))
     step = typical_step(np.sort(inner, axis=1)[:, :3], spans)
     worth, price, most = np.zeros(n), np.zeros(n), np.full(n, math.inf)

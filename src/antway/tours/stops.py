@@ -37,7 +37,9 @@ class Stops:
         matrix = checked_matrix(self.matrix, MAX_STOPS, "stops", finite=False)
         n, end = len(matrix), self.end
         start = checks.integer("start", self.start, low=0, high=n - 1)
-        if isinstance(end, str) and end == "start":
+        if isinstance(end, str):
+            if end != "start":
+                raise BadParameter("end", end, f"an integer in [0, {n - 1}], start or None")
             end = start
         found = {
             "matrix": matrix,
