@@ -37,7 +37,7 @@ _SAME = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Front:
-    """Plans that do not dominate each other, by increasing value of the first objective.
+    """Plans that do not dominate each other, the best by the first objective first.
 
     Attributes
     ----------
