@@ -254,6 +254,66 @@ def test_a_beam_that_drops_nothing_finds_the_best_order(width: int, makespan: bo
     assert whole if width > 1 else dropped
 
 
+def test_of_candidates_with_the_same_stops_those_that_are_neither_sooner_nor_shorter_are_dropped() -> None:
+    """Others stay, however late or long they are; then those of least keys are kept, in their order."""
+    rng = np.random.default_rng(7)
+    for _ in range(cases(30, 300)):
+        width, count = int(rng.integers(1, 9)), 0
+        beam = beams.workspace(2, width)
+        given = rng.integers(0, 3, (6 * width, 4)).tolist()  # mark, last stop, time, cost
+        for one in given:
+            beam.c_mark[count], beam.c_stop[count], beam.c_ready[count], beam.c_cost[count] = one
+            beam.c_key[count] = rng.integers(5)
+            count += beams.enter(beam, count)
+        wanted = {
+            (mark, stop, ready, cost)
+            for mark, stop, ready, cost in given
+            if not any(
+                one[:2] == [mark, stop] and one[2] <= ready and one[3] <= cost and one[2:] != [ready, cost] for one in given
+            )
+        }
+        found = np.c_[beam.c_mark, beam.c_stop, beam.c_ready, beam.c_cost][:count].tolist()
+        left = [c for c in range(count) if beam.c_key[c] < math.inf]
+        assert sorted(map(tuple, (found[c] for c in left))) == sorted(wanted)
+        kept = [found[c] for c in sorted(sorted(left, key=lambda c: beam.c_key[c])[:width])]
+        assert beams.keep(beam, count, width) == (len(kept), len(left) > width)
+        assert np.c_[beam.c_mark, beam.c_stop, beam.c_ready, beam.c_cost][: len(kept)].tolist() == kept
+        assert (beam.table == -1).all()
+
+
+def test_the_best_orders_so_far_and_since_the_restart_are_kept() -> None:
+    rng, orders = np.random.default_rng(11), np.zeros((3, 1), dtype=np.int32)
+    record = np.array([math.inf, math.inf, 0.0, 0.0])
+    colony = colonies.WindowColony(np.zeros((1, 1)), np.zeros((1, 1)), orders, record)
+    costs, since = rng.permutation(40).astype(float), 0
+    for number, cost in enumerate(costs):
+        if number % 7 == 0:
+            record[colonies.RESTART_BEST], since = math.inf, number
+        colonies.note(colony, np.array([number], dtype=np.int32), cost)
+        best, lately = costs[: number + 1].argmin(), since + costs[since : number + 1].argmin()
+        assert record.tolist() == [costs[best], costs[lately], 0.0, 0.0] and orders[:, 0].tolist() == [best, lately, 0]
+
+
+def test_an_order_that_random_moves_make_worse_is_left_again() -> None:
+    """At temperature 0 none is taken; times are then those of the order before, and the best order is that of the cycle."""
+    rng = np.random.default_rng(12)
+    path = Path(rng.uniform(1.0, 9.0, (12, 12)), np.zeros(12), np.full(12, math.inf))
+    t, fresh = timed_order(12), timed_order(12)
+    for seed in range(20):
+        record, state = np.array([math.inf, math.inf, 0.0, 0.0]), np.array([seed], dtype=np.uint64)
+        colony = colonies.WindowColony(np.zeros((12, 12)), np.zeros((12, 12)), np.zeros((3, 12), dtype=np.int32), record)
+        options = colonies.ColonyOptions(0, 1 + seed % 3, 0.1, 0.0, path.step, 0.0, MoveOptions(False, 8, 1e-9))
+        t.order[1:-1] = 1 + rng.permutation(10)
+        t.order[-1] = 11
+        refresh(path.windows, t)
+        colonies.improve(path.windows, colony, options, t, state)
+        fresh.order[:] = t.order
+        refresh(path.windows, fresh)
+        assert [row.tolist() for row in t[1:5]] == [row.tolist() for row in fresh[1:5]]
+        best = colony.orders[colonies.OF_CYCLE]
+        assert record[:2].tolist() == [value(t, False)] * 2 and (best == t.order).all() and (colony.orders == best).all()
+
+
 def test_pheromone_moves_towards_the_best_orders() -> None:
     rng, restarts = np.random.default_rng(9), 0
     for _ in range(cases(100, 1_000)):
