@@ -95,12 +95,10 @@ def bound(cost: Floats, tour: float, rounds: int) -> float:
 def best_of_few(cost: Floats, end: int) -> NDArray[np.int32]:
     """Return the cheapest order of all n <= 14 nodes from node 0 to `end` (0: back to 0; -1: anywhere), by dynamic programming.
 
-    `cost`, float64[n, n], may be asymmetric. The cost of a closed tour includes the last leg; the order omits the second 0.
+    `cost`, float64[n, n], is finite and may be asymmetric. The cost of a closed tour includes the last leg; the order omits the
+    second 0.
     """
-    n = len(cost)
-    if n == 1:
-        return np.zeros(1, np.int32)
-    m = n - 1
+    m = len(cost) - 1
     least = np.full((1 << m, m), np.inf)
     came = np.full((1 << m, m), -1, np.int8)
     for i in range(m):
@@ -121,7 +119,7 @@ def best_of_few(cost: Floats, end: int) -> NDArray[np.int32]:
         whole = least[(1 << m) - 1, i] + (cost[i + 1, 0] if end == 0 else 0.0)
         if (end <= 0 or i == end - 1) and whole < best:
             best, last = whole, i
-    return np.empty(0, np.int32) if best == np.inf else _traced(came, last, 1)
+    return _traced(came, last, 1)
 
 
 @kernel
@@ -132,21 +130,20 @@ def earliest_of_few(away: Floats, windows: Floats, service: Floats, now: float) 
     kept, then the earlier one. Without lateness the earlier label dominates, so the earliest order without lateness is found
     if there is one. Otherwise the lateness found is only an approximation of the least.
 
-    Of the travel times `away`, float64[m + 2, m + 2], row 0 is the robot's place, rows 1 to m are the stops, row m + 1 is the
-    end. The robot departs at the time `now`. All times, with `windows`, float64[m, 2], and `service`, float64[m], are in s.
+    Of the travel times `away`, float64[m + 2, m + 2], all finite, row 0 is the robot's place, rows 1 to m are the stops, row
+    m + 1 is the end. The robot departs at the time `now`. All times, with `windows`, float64[m, 2], and `service`, float64[m],
+    are in s.
     """
     m = len(service)
-    if m == 0:
-        return np.empty(0, np.int32)
     late, done = np.full((1 << m, m), np.inf), np.full((1 << m, m), np.inf)
     came = np.full((1 << m, m), -1, np.int8)
     for seen in range(1 << m):
         for i in range(m if seen else 1):
-            if seen and (not seen >> i & 1 or late[seen, i] == np.inf):
+            if seen and not seen >> i & 1:
                 continue
             lateness, leaves, row = (late[seen, i], done[seen, i], i + 1) if seen else (0.0, now, 0)
             for j in range(m):
-                if seen >> j & 1 or away[row, j + 1] == np.inf:
+                if seen >> j & 1:
                     continue
                 starts = max(leaves + away[row, j + 1], windows[j, 0])
                 later, ends = lateness + max(0.0, starts - windows[j, 1]), starts + service[j]
@@ -158,8 +155,6 @@ def earliest_of_few(away: Floats, windows: Floats, service: Floats, now: float) 
         home = done[seen, i] + away[i + 1, m + 1]
         if late[seen, i] < least or (late[seen, i] == least and home < first):
             least, first, at = late[seen, i], home, i
-    if at < 0:
-        return np.empty(0, np.int32)
     return _traced(came, at, 0)
 
 
