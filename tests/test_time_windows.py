@@ -260,7 +260,7 @@ def test_of_candidates_with_the_same_stops_those_that_are_neither_sooner_nor_sho
     for _ in range(cases(30, 300)):
         width, count = int(rng.integers(1, 9)), 0
         beam = beams.workspace(2, width)
-        given = rng.integers(0, 3, (6 * width, 4)).tolist()  # mark, last stop, time, cost
+        given = rng.integers(0, (2, 12, 3, 3), (6 * width, 4)).tolist()  # mark, last stop, time, cost
         for one in given:
             beam.c_mark[count], beam.c_stop[count], beam.c_ready[count], beam.c_cost[count] = one
             beam.c_key[count] = rng.integers(5)
@@ -275,8 +275,9 @@ def test_of_candidates_with_the_same_stops_those_that_are_neither_sooner_nor_sho
         found = np.c_[beam.c_mark, beam.c_stop, beam.c_ready, beam.c_cost][:count].tolist()
         left = [c for c in range(count) if beam.c_key[c] < math.inf]
         assert sorted(map(tuple, (found[c] for c in left))) == sorted(wanted)
-        kept = [found[c] for c in sorted(sorted(left, key=lambda c: beam.c_key[c])[:width])]
-        assert beams.keep(beam, count, width) == (len(kept), len(left) > width)
+        most = int(rng.integers(1, len(left) + 2))
+        kept = [found[c] for c in sorted(sorted(left, key=lambda c: beam.c_key[c])[:most])]
+        assert beams.keep(beam, count, most) == (len(kept), len(left) > most)
         assert np.c_[beam.c_mark, beam.c_stop, beam.c_ready, beam.c_cost][: len(kept)].tolist() == kept
         assert (beam.table == -1).all()
 
@@ -302,11 +303,14 @@ def test_an_order_that_random_moves_make_worse_is_left_again() -> None:
     for seed in range(20):
         record, state = np.array([math.inf, math.inf, 0.0, 0.0]), np.array([seed], dtype=np.uint64)
         colony = colonies.WindowColony(np.zeros((12, 12)), np.zeros((12, 12)), np.zeros((3, 12), dtype=np.int32), record)
-        options = colonies.ColonyOptions(0, 1 + seed % 3, 0.1, 0.0, path.step, 0.0, MoveOptions(False, 8, 1e-9))
-        t.order[1:-1] = 1 + rng.permutation(10)
-        t.order[-1] = 11
+        options = colonies.ColonyOptions(0, seed % 4, 0.1, 0.0, path.step, 0.0, MoveOptions(False, 8, 1e-9))
+        t.order[:] = fresh.order[:] = [0, *(1 + rng.permutation(10)), 11]
         refresh(path.windows, t)
+        refresh(path.windows, fresh)
+        fresh.look[:] = True
+        settle(path.windows, fresh, options.moves)
         colonies.improve(path.windows, colony, options, t, state)
+        assert value(t, False) < value(fresh, False) or t.order.tolist() == fresh.order.tolist()
         fresh.order[:] = t.order
         refresh(path.windows, fresh)
         assert [row.tolist() for row in t[1:5]] == [row.tolist() for row in fresh[1:5]]

@@ -111,7 +111,7 @@ def enter(beam: Beam, c: int) -> bool:
     other = beam.table[spot]
     while other >= 0:
         # Sets with equal marks count as equal: a collision of 64 random bits is not to be expected.
-        if beam.c_mark[other] == beam.c_mark[c] and beam.c_stop[other] == beam.c_stop[c] and beam.c_key[other] < np.inf:
+        if beam.c_mark[other] == beam.c_mark[c] and beam.c_stop[other] == beam.c_stop[c]:
             if beam.c_ready[other] <= beam.c_ready[c] and beam.c_cost[other] <= beam.c_cost[c]:
                 return False
             if beam.c_ready[c] <= beam.c_ready[other] and beam.c_cost[c] <= beam.c_cost[other]:
