@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+import pytest
 
 from antway.ants.grid_walk import AntGraph, Ants, Trail
 from antway.ants.immune import (
@@ -12,6 +13,7 @@ from antway.ants.immune import (
     Immunity,
     concentration,
     edges,
+    scaled,
     select,
     vaccinate_path,
     vaccinate_tour,
@@ -58,11 +60,47 @@ def test_vaccines_are_shared():
             assert sum(edge in edges(elite, True) for elite in elites) >= 6
 
 
+def test_vaccines_have_two_edges_or_more_but_not_all():
+    best = np.arange(7)
+    assert [run.tolist() for run in vaccines([best, np.array([0, 1, 2, 8, 3, 4, 9, 5, 6])], 1.0, False)] == [[0, 1, 2]]
+    assert vaccines([best, best], 1.0, False) == []
+
+
+def test_pheromone_of_the_best_is_suppressed_now_and_then():
+    for stagnation, wanted in ((3, [3, 6, 9]), (0, [])):
+        immunity = Immunity(Immune(stagnation=stagnation), False, 0)
+        assert [unchanged for unchanged in range(10) if immunity.suppresses(unchanged)] == wanted
+
+
+def test_selection_gets_colder():
+    """At first it hardly prefers the best ant to those a tenth longer, later it takes no other, but never only the best."""
+    immunity, first = Immunity(Immune(temperature=1.0, cooling=0.5, vaccinated=0.0), False, 0), np.arange(40) == 7
+
+    def chosen(cycle, longer):
+        ants = [np.array([k, 50, 51]) for k in range(40)]
+        return (immunity.respond(cycle, ants, np.where(first, 100.0, longer), len, vaccinate_path)[1] == 100.0).sum()
+
+    assert chosen(0, 110.0) < 5 < chosen(5, 110.0) < 30 and chosen(30, 110.0) == 40
+    assert chosen(3000, 101.0) < 10  # at a hundredth of the temperature
+
+
+def test_all_ants_together_deposit_as_much_as_without_factors():
+    rule = make_rule("rank", ranks=4).numbers(5)
+    costs, factor = np.array([3.0, 1.0, np.inf, 2.0, 4.0]), np.array([0.5, 0.25, 0.0, 1.0, 1.0])
+    weights = rule.deposit_weight * factor[[1, 3, 0, 4, 2]]
+    assert rule.deposit_weight[:4].sum() > weights.sum() > 0.0
+    assert np.allclose(
+        scaled(rule, costs, factor).deposit_weight, weights * rule.deposit_weight[:4].sum() / weights.sum(), rtol=1e-12
+    )
+    assert not scaled(rule, costs, np.zeros(5)).deposit_weight.any()
+
+
 def test_concentration_counts_the_alike():
     """Ants with the same edges, whatever their start and direction, are alike; those with none in common are not."""
     tour = np.arange(10)
     other = np.array([0, 2, 4, 6, 8, 1, 3, 5, 7, 9])
     assert concentration([tour, np.roll(tour, 3), tour[::-1], other], 0.9, True).tolist() == [3, 3, 3, 1]
+    assert concentration([tour, tour], 1.0, True).tolist() == [1, 1]
 
 
 def test_selection_keeps_the_best_and_prefers_the_short():
@@ -88,22 +126,27 @@ def test_no_ant_gets_worse_by_vaccination():
 
     immunity = Immunity(Immune(temperature=0.0, vaccinated=1.0, share=0.3), True, 0, [])
     for cycle in range(cases(20, 200)):
-        ants = [dice.permutation(15) for _ in range(6)]
+        ants = [dice.permutation(15) for _ in range(5)]
+        ants.append(ants[0])
         costs = np.array([cost(ant) for ant in ants])
         tours, after, scale = immunity.respond(cycle, ants, costs, cost, vaccinate_tour)
         assert (after <= costs).all() and np.allclose(after, [cost(tour) for tour in tours])
         assert ((scale > 0) & (scale <= 1)).all()
         assert len(immunity.elites) <= 10 and immunity.elites[0][0] <= after.min()
+        known = [cost for cost, _ in immunity.elites]
+        assert known == sorted(set(known))  # one for each cost, best first
 
 
-def test_a_vaccinated_path_may_be_as_long_as_an_ant_may_go():
+@pytest.mark.parametrize("steps", [4, 5])
+def test_a_vaccinated_path_may_be_as_long_as_an_ant_may_go(steps):
     """A path of as many moves as there are steps is kept; it used to be dropped, though ants may walk it."""
     graph = AntGraph(Problem(Grid(np.zeros((5, 3), dtype=bool)), (0, 0), (4, 1)))
     straight = [(0, 0), (1, 0), (2, 0), (3, 0), (3, 1), (4, 1)]
     oblique, elsewhere = [(0, 0), (1, 1), (2, 0), (3, 1), (4, 1)], [*straight[:-1], (3, 2)]
     best, path, other = (np.array([graph.net.at(cell) for cell in cells]) for cells in (straight, oblique, elsewhere))
     immunity = Immunity(Immune(temperature=0.0, vaccinated=1.0, share=1.0), False, 0, [(5.0, best), (5.0, other)])
-    walkers, trail = Ants(graph, 1, 5), Trail(graph, make_rule("as"), 1, "field")
+    walkers, trail = Ants(graph, 1, steps), Trail(graph, make_rule("as"), 1, "field")
     walkers.moves[0, :4], walkers.depth[0], walkers.length[0] = graph.moves(path), 4, 1 + 3 * 2**0.5
     trail.learn(walkers, 0, immunity)
-    assert trail.best == 5.0 and graph.cells(trail.path).tolist() == best.tolist()
+    assert trail.best == (5.0 if steps == 5 else 1 + 3 * 2**0.5)
+    assert graph.cells(trail.path).tolist() == (best if steps == 5 else path).tolist()
