@@ -92,6 +92,8 @@ def test_an_ant_retreats_from_a_dead_end_and_arrives_without_loops():
         for ant in range(8):
             cells = [cell for cell, _ in naive.edges(graph.offsets, graph.start, walkers.path(ant).tolist())] + [graph.goal]
             assert walkers.depth[ant] >= 0 and len(set(cells)) == len(cells)
+    assert walkers.walk(np.zeros((graph.distance.size, 8), np.float32), 5, 8, Budget().start()) == 8  # there is no way on
+    assert (walkers.depth == -1).all()
 
 
 def test_weights_are_the_numerator_of_equation_1():
@@ -123,6 +125,7 @@ def test_weights_are_the_numerator_of_equation_1():
 
 RULE_CASES = [make_rule(name, persistence=Constant(0.7)) for name in RULES]
 RULE_CASES += [make_rule("as", persistence=p) for p in (Adaptive(), Printed(), Decay(0.9, 0.8, 0.3), ByQuality(0.2, 0.9, 0.3))]
+RULE_CASES += [make_rule("as", persistence=ByQuality(0.2, 0.9, 0.3), beta=0.0), make_rule("acs", persistence=Printed())]
 RULE_CASES += [make_rule("mmas", schedule=((0, 1),)), make_rule("eas", elite=2.5), make_rule("rank", ranks=3)]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import math
 import random
@@ -172,6 +173,26 @@ def test_tightening_excludes_no_feasible_order() -> None:
                 must = {k for k in range(n + 1) if path.windows.before[j, k // 64] >> np.uint64(k % 64) & np.uint64(1)}
                 assert must <= set(full[: p + 1]), case
     assert seen > 100
+
+
+def test_tightening_finds_all_that_its_rules_find() -> None:
+    rng, left, stuck, dropped = np.random.default_rng(14), 0, 0, 0
+    for case in range(cases(60, 1_000)):
+        instance = task(rng, 3, 6)
+        again = np.append(np.arange(instance.size), 0)
+        path = Path(instance.matrix[np.ix_(again, again)], instance.windows[again, 0], instance.windows[again, 1])
+        time, opens, closes, n = path.time.copy(), path.opens.copy(), path.closes.copy(), instance.size + 1
+        twin = naive.tightened(time.tolist(), path.far.tolist(), opens.tolist(), closes.tolist())
+        first = np.zeros((n, n), dtype=np.bool_)
+        assert (kernel.tighten(time, path.far, opens, closes, first) >= 0) == (twin is None), case
+        stuck += twin is None
+        if twin is not None:
+            assert np.c_[opens, closes].tolist() == list(map(list, twin[0])), case
+            assert set(map(tuple, np.argwhere(np.isfinite(time)))) == twin[1], case
+            assert set(map(tuple, np.argwhere(first))) == twin[2], case
+            left += len(twin[1])
+            dropped += (n - 1) ** 2 - len(twin[1])
+    assert stuck and min(left, dropped) > 3 * case
 
 
 def test_tightening_ends_where_two_stops_are_reached_soonest_from_each_other() -> None:
@@ -366,7 +387,8 @@ def test_local_search_against_driving(makespan: bool) -> None:
         order = next(naive.feasible_orders(instance.matrix.tolist(), instance.windows.tolist()), None)
         if order is None or not path.feasible:
             continue
-        t, moves = timed_order(n + 1), MoveOptions(makespan, n, 1e-9 * path.step)
+        longest = n if case % 2 else 2
+        t, moves = timed_order(n + 1), MoveOptions(makespan, longest, 1e-9 * path.step)
         state = np.array([random_kernel.stream(np.uint64(case), np.uint64(0))], dtype=np.uint64)
         t.order[:] = [*order[:-1], n]
         refresh(path.windows, t)
@@ -398,7 +420,10 @@ def test_local_search_against_driving(makespan: bool) -> None:
                 others = [here[:i] + here[i : k + 1][::-1] + here[k + 1 :]]
                 for j in range(i, k):
                     one, two = here[i : j + 1], here[j + 1 : k + 1]
-                    others += [here[:i] + two + part + here[k + 1 :] for part in (one, one[::-1])]
+                    swapped = [(two, one)] if min(len(one), len(two)) <= longest else []
+                    swapped += [(two, one[::-1])] if len(one) <= longest else []
+                    swapped += [(two[::-1], one)] if len(two) <= longest else []
+                    others += [here[:i] + first + second + here[k + 1 :] for first, second in swapped]
                 assert min(map(worth, others)) >= worth(here) - 1e-6 * path.step - 1e-6, case
     assert settled > 10
 
@@ -419,6 +444,20 @@ def test_repair_finds_orders_in_time() -> None:
         best = naive.best(instance.matrix.tolist(), instance.windows.tolist(), False)
         found += (late == 0.0) == (best < math.inf)
     assert found > 0.9 * case
+
+
+def test_a_descent_ends_where_no_single_stop_is_better_elsewhere() -> None:
+    rng, late = np.random.default_rng(15), 0
+    for seed in range(cases(30, 500)):
+        n = int(rng.integers(4, 8))
+        away, opens = rng.integers(1, 9, (n, n)).astype(float), rng.integers(0, 20, n).astype(float)
+        closes, order = opens + rng.integers(0, 9, n), np.array([0, *(1 + rng.permutation(n - 2)), n - 1], dtype=np.int32)
+        least = repair(away, opens, closes, order, 0, np.uint64(seed))
+        late += least > 0.0
+        for p, q in itertools.permutations(range(1, n - 1), 2):
+            trial = np.insert(np.delete(order, p), q, order[p])
+            assert lateness(away, opens, closes, trial, math.inf) >= least, seed
+    assert late > 0.8 * (seed + 1)
 
 
 def test_a_stop_is_inserted_where_the_order_is_least_late_then_shortest() -> None:

@@ -91,6 +91,7 @@ def update(rule, tau, first, low, high, offsets, start, paths, best, t):
     """The end of a cycle on a dictionary {(cell, move): pheromone}; `best` is the best path so far, or None."""
     kind, tau = type(rule).__name__, dict(tau)
     ranked = sorted((p for p in paths if p is not None), key=length)
+    excess = length(ranked[0]) / length(best) - 1 if ranked else math.inf
 
     def deposit(path, times):
         for edge in edges(offsets, start, path):
@@ -100,10 +101,10 @@ def update(rule, tau, first, low, high, offsets, start, paths, best, t):
         for path in paths:
             for edge in edges(offsets, start, path or []):
                 tau[edge] = (1 - rule.xi) * tau[edge] + rule.xi * first
+        left = rho(rule.persistence, 1.0, 1.0, t, excess)
         for edge in edges(offsets, start, best or []):
-            tau[edge] = rule.persistence.rho * tau[edge] + (1 - rule.persistence.rho) * rule.q / length(best)
+            tau[edge] = left * tau[edge] + max(1 - left, 0) * rule.q / length(best)
     else:
-        excess = length(ranked[0]) / length(best) - 1 if ranked else math.inf
         least = min(tau.values())
         tau = {edge: rho(rule.persistence, value, least, t, excess) * value for edge, value in tau.items()}
         if kind == "AntSystem":

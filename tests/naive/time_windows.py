@@ -82,3 +82,43 @@ def learned(tau, orders, convergence, evaporation):
     strength = [tau[i][j] for i, j in itertools.pairwise(since_restart)]
     mean = sum(strength) / len(strength)
     return ([[0.5] * len(tau)] * len(tau), 0.0) if mean > 0.97 else (tau, mean)
+
+
+def tightened(time, far, opens, closes):
+    """(windows, arcs that are left, pairs of which the first comes before the second) once no rule changes anything, or None.
+
+    The path goes from the first to the last stop. None: some window is empty, or some stop comes before itself.
+    """
+    n, opens, closes = len(time), list(opens), list(closes)
+    arcs = {(i, j) for i in range(n) for j in range(n) if i != j and time[i][j] < math.inf}
+    first = {(0, j) for j in range(1, n)} | {(i, n - 1) for i in range(n - 1)}
+    while True:
+        before = list(opens), list(closes), len(arcs), len(first)
+        first |= {(i, j) for i, j in itertools.permutations(range(n), 2) if opens[j] + far[j][i] > closes[i]}
+        for k in range(n):
+            first |= {(i, j) for i in range(n) for j in range(n) if {(i, k), (k, j)} <= first}
+        if any(i == j for i, j in first):
+            return None
+        for i, j in sorted(arcs):
+            there = max(opens[i] + time[i][j], opens[j])
+            possible = (j, i) not in first and there <= closes[j] and j > 0 and i < n - 1
+            for k in set(range(n)) - {i, j}:
+                here = opens[k] + far[k][i]
+                sooner = (i, k) not in first and here <= closes[i] and max(here, opens[i]) + time[i][j] <= closes[j]
+                later = (k, j) not in first and there + far[j][k] <= closes[k]
+                possible = possible and (sooner or later)
+            if not possible:
+                arcs.remove((i, j))
+        for j in range(n):
+            if j > 0:
+                opens[j] = max([opens[j], *(opens[i] + far[i][j] for i in range(n) if (i, j) in first)])
+                opens[j] = max(opens[j], min((opens[i] + time[i][j] for i in range(n) if (i, j) in arcs), default=math.inf))
+                arrival = max((closes[i] + time[i][j] for i in range(n) if (i, j) in arcs), default=-math.inf)
+                closes[j] = min(closes[j], max(opens[j], arrival))
+            if j < n - 1:
+                closes[j] = min([closes[j], *(closes[i] - far[j][i] for i in range(n) if (j, i) in first)])
+                closes[j] = min(closes[j], max((closes[i] - time[j][i] for i in range(n) if (j, i) in arcs), default=-math.inf))
+            if opens[j] > closes[j]:
+                return None
+        if before == (opens, closes, len(arcs), len(first)):
+            return [*zip(opens, closes)], arcs, first
