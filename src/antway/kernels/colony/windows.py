@@ -168,16 +168,14 @@ def tightened(
 def excluded(far: Floats, step: float, opens: Floats, closes: Floats, first: NDArray[np.bool_], i: int, j: int) -> bool:
     """Tell whether no feasible order goes directly from i to j."""
     n = len(far)
-    if first[j, i] or opens[i] + step > closes[j] or j == 0 or i == n - 1:
+    if first[j, i] or opens[i] + step > closes[j]:
         return True
     there = max(opens[i] + step, opens[j])
     for k in range(n):
         if k in (i, j):
             continue
-        # k must come before i or after j, or the arc cannot be used.
-        sooner = (
-            not first[i, k] and max(opens[k] + far[k, i], opens[i]) + step <= closes[j] and opens[k] + far[k, i] <= closes[i]
-        )
+        # k must come before i or after j, or the arc cannot be used. Where it cannot reach i in time, i comes before k.
+        sooner = not first[i, k] and max(opens[k] + far[k, i], opens[i]) + step <= closes[j]
         later = not first[k, j] and there + far[j, k] <= closes[k]
         if not sooner and not later:
             return True
