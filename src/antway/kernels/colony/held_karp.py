@@ -106,7 +106,7 @@ def best_of_few(cost: Floats, end: int) -> NDArray[np.int32]:
     for seen in range(1, 1 << m):
         for i in range(m):
             here = least[seen, i]
-            if here == np.inf or (end > 0 and i == end - 1 and seen != (1 << m) - 1):
+            if here == np.inf or i == end - 1:  # nothing comes after the end
                 continue
             for j in range(m):
                 if not seen >> j & 1:
@@ -117,7 +117,7 @@ def best_of_few(cost: Floats, end: int) -> NDArray[np.int32]:
     best, last = np.inf, 0
     for i in range(m):
         whole = least[(1 << m) - 1, i] + (cost[i + 1, 0] if end == 0 else 0.0)
-        if (end <= 0 or i == end - 1) and whole < best:
+        if whole < best:
             best, last = whole, i
     return _traced(came, last, 1)
 
