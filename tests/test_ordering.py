@@ -509,6 +509,79 @@ def test_robots_that_start_elsewhere_visit_their_earlier_start_once() -> None:
         sound(after, matrix, 7, None, 2, whole=True)
 
 
+def random_routes(rng: np.random.Generator, n: int, k: int) -> tuple[kernel.Fleet, kernel.FleetRoutes]:
+    """A task for kernels, and routes through some of its stops, with their times."""
+    xy = rng.random((n, 2)) * 10
+    spans = np.ascontiguousarray(np.hypot(*(xy[:, None] - xy[None]).T))
+    opens, near = rng.uniform(0.0, 20.0, n), np.zeros((n, n - 3), dtype=np.int32)
+    closes, most = opens + rng.uniform(2.0, 25.0, n), np.where(rng.random(n) < 0.5, np.inf, 4.0)
+    opens[0], closes[[0, -1]] = 0.0, 90.0
+    last_weight, sum_weight = [(0.0, 1.0), (1.0, 1e-4)][rng.integers(2)]
+    fleet = kernel.Fleet(spans, spans, opens, closes, np.full(n, 99.0), most, np.ones(n), near, last_weight, sum_weight)
+    routes = kernel.routes(n, k)
+    for stop in (1 + rng.permutation(n - 2))[: n - 4].tolist():
+        r = rng.integers(k)
+        routes.stops[r, routes.sizes[r] - 1 : routes.sizes[r] + 1] = stop, n - 1
+        routes.route[stop] = r
+        routes.sizes[r] += 1
+    for r in range(k):
+        kernel.shorten(fleet, routes, r)
+        size = routes.sizes[r]
+        assert (routes.ready[r, :size] <= closes[routes.stops[r, :size]]).all()
+    return fleet, routes
+
+
+def test_a_stop_is_inserted_where_it_costs_least() -> None:
+    """In time, and with less than the greatest detour; one place in a hundred is not looked at."""
+    rng, best, refused = np.random.default_rng(6), 0, 0
+    for case in range(cases(150, 600)):
+        n, k = int(rng.integers(6, 11)), int(rng.integers(1, 4))
+        fleet, routes = random_routes(rng, n, k)
+        stop = int(rng.choice(np.flatnonzero(routes.route[1:-1] == kernel.OUT) + 1))
+        orders = [routes.stops[r, : routes.sizes[r]].tolist() for r in range(k)]
+        windows, costs = np.c_[fleet.opens, fleet.closes].tolist(), {}
+        for r, order in enumerate(orders):
+            for p in range(1, len(order)):
+                trial = [*order[:p], stop, *order[p:]]
+                end, travel, late = naive.timing(fleet.time, windows, np.zeros(n), math.inf, trial, False)
+                detour = travel - naive.timing(fleet.time, windows, np.zeros(n), math.inf, order, False)[1]
+                if late == 0.0 and detour < fleet.most[stop]:
+                    others = max((routes.ends[other] for other in range(k) if other != r), default=0.0)
+                    costs[r, p] = fleet.sum_weight * detour + fleet.last_weight * (max(others, end) + 0.01 * end)
+        assert kernel.insert(fleet, routes, stop, np.array([case], dtype=np.uint64)) or len(costs) < 2
+        r = int(routes.route[stop])
+        refused += r == kernel.OUT
+        if r != kernel.OUT:
+            order = routes.stops[r, : routes.sizes[r]].tolist()
+            p = order.index(stop)
+            assert order == [*orders[r][:p], stop, *orders[r][p:]] and (r, p) in costs
+            best += costs[r, p] == pytest.approx(min(costs.values()))
+    assert refused > 2 and best > 0.95 * (case + 1 - refused)
+
+
+def test_a_string_of_stops_is_removed_around_one() -> None:
+    """A window of places that holds the stop, but for a run of stops that stay, at most as many as are removed."""
+    rng = np.random.default_rng(7)
+    for size, length, place in ((6, 2, 3), (6, 3, 6), (5, 1, 1), (4, 4, 2), (5, 3, 3)):
+        fleet, _ = random_routes(rng, size + 2, 1)
+        wanted: dict[tuple[int, ...], int] = {}  # the places removed, and how many stay
+        for staying in range(min(length, size - length) + 1):
+            for low in range(1, size - length - staying + 2):
+                window = range(low, low + length + staying)
+                for kept in range(low, low + length + 1) if place in window else ():
+                    wanted.setdefault(tuple(p for p in window if not kept <= p < kept + staying), staying)
+        found, state = set(), np.array([size], dtype=np.uint64)
+        for _ in range(600):
+            routes = kernel.routes(size + 2, 1)
+            routes.stops[0], routes.sizes[0], routes.route[1:-1] = range(size + 2), size + 2, 0
+            kernel.remove_string(fleet, routes, 0, place, length, state)
+            left = routes.stops[0, : routes.sizes[0]].tolist()
+            found.add(tuple(p for p in range(1, size + 1) if p not in left))
+            assert left == sorted(left) and set(np.flatnonzero(routes.route != kernel.OUT)) == set(left[1:-1])
+        most = max(wanted.values())
+        assert {one for one, staying in wanted.items() if staying in (0, most)} <= found <= set(wanted)
+
+
 def test_an_end_is_a_stop_or_the_start() -> None:
     with pytest.raises(BadParameter, match=r"an integer in \[0, 2\], start or None"):
         order_stops(np.ones((3, 3)), end="finish")
