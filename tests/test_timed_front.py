@@ -152,6 +152,9 @@ def test_wrong_input_and_no_path() -> None:
         with pytest.raises(BadInput, match=name):
             exact_front(Problem(grid, (0, 0), (3, 3)), **{name: -1.0})
     assert timed_front(Problem(grid, (0, 0), (3, 3)), horizon=3.0).status is Status.NO_PATH
+    lane = Problem(Grid(np.zeros((1, 4), dtype=bool)), (0, 0), (0, 3), Moves.FOUR)
+    assert timed_front(lane, horizon=2.9).status is Status.NO_PATH
+    assert timed_front(lane, horizon=3.0).values.tolist() == [[3.0, 3.0, 1.0]]
     still = timed_front(Problem(grid, (1, 1), (1, 1)))
     assert still.values.tolist() == [[0.0, 0.0, 1.0]] and len(still.paths[0].t) == 1
 
@@ -160,7 +163,8 @@ def test_who_is_there_already_has_the_gap_of_that_place() -> None:
     """A disc that stands on the robot, or beside it, counts without a move, too; what comes later does not."""
     problem = Problem(Grid(np.zeros((3, 3), dtype=bool)), (1, 1), (1, 1))
     for front in (exact_front, timed_front):
-        for x, values in ((1.6, []), (2.48, [[0.0, 0.0, 0.15]]), (9.0, [[0.0, 0.0, 1.0]])):
+        for x, gap in ((1.6, None), (2.29, None), (2.3, 0.0), (2.4, 0.1), (2.45, 0.15), (2.48, 0.15), (9.0, 1.0)):
+            values = [] if gap is None else [[0.0, 0.0, gap]]
             disc = Timeline.of([1], [0.5], [([0.0, 0.5], [(x, 1.5), (1.5, 1.5)])])
             for horizon in (0.1, 5.0):
                 found = front(problem, disc, radius=0.3, horizon=horizon)

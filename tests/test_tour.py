@@ -174,6 +174,23 @@ def test_undo_restores_the_tour():
         assert {frozenset(e) for e in zip(work.order, np.roll(work.order, 1))} == {
             frozenset(e) for e in zip(order, np.roll(order, 1))
         }
+        assert work.counts[search.LOGGED] == 0
+
+
+def test_a_search_ends_where_its_log_is_full():
+    """What it gained is the difference in length, and undone it leaves the closed tour as it was."""
+    dice = np.random.default_rng(16)
+    for log in range(3, cases(30, 200)):
+        cities, order = Tsp(dice.random((40, 2))).cities(8), dice.permutation(40).astype(np.uint32)
+        work, before = search.workspace(40, log), kernel.length(cities.metric, order)
+        search.set_tour(work, order)
+        for city in order:
+            search.push(work, city)
+        gain = search.settle(cities, work, 5, 40)
+        assert 0.0 < gain == pytest.approx(before - kernel.length(cities.metric, work.order))
+        assert log - 2 <= work.counts[search.LOGGED] <= log and work.counts[search.SIZE] == 0
+        search.undo(work)
+        assert kernel.length(cities.metric, work.order) == pytest.approx(before)
 
 
 def test_a_double_bridge_puts_three_parts_in_reverse_order():
