@@ -428,6 +428,40 @@ def test_local_search_against_driving(makespan: bool) -> None:
     assert settled > 10
 
 
+@pytest.mark.parametrize("makespan", [False, True])
+def test_local_search_makes_the_best_move_at_a_place(makespan: bool) -> None:
+    """Of swaps of a short part that begins or ends there, also reversed, and of reversals of a part that begins there."""
+    rng, made, here, last = np.random.default_rng(16), 0, list(range(10)), 9
+    for case in range(cases(24, 300)):
+        away, longest = rng.uniform(1.0, 9.0, (10, 10)), 1 + case % 3
+        now, width = np.append(0.0, np.cumsum(away[here[:-1], here[1:]])), rng.choice([15.0, 40.0, 400.0])
+        opens, closes = np.maximum(now - width * rng.random(10), 0.0), now + width * rng.random(10)
+        if case % 4 == 0:  # the robot waits, or goes a longer way
+            opens[rng.integers(1, last)], closes = now[last], closes + 2.0 * now[last]
+        path = Path(away, opens, closes)
+        windows, t, moves = np.c_[path.opens, path.closes].tolist(), timed_order(10), MoveOptions(makespan, longest, 0.0)
+
+        def worth(order: list[int], path: Path = path, windows: list[list[float]] = windows) -> float:
+            travelled, end, late = naive.drive(path.time.tolist(), windows, order)
+            return math.inf if late > 0.0 else end + 1e-6 * travelled if makespan else travelled
+
+        for i in range(1, last):
+            trials = [here[:i] + here[i : j + 1][::-1] + here[j + 1 :] for j in range(i + 1, last)]
+            for h, j, k in itertools.combinations(range(last), 3):
+                one, two = here[h + 1 : j + 1], here[j + 1 : k + 1]
+                parts = [(two, one), (two, one[::-1])] if h + 1 == i and len(one) <= longest else []
+                if k == i and len(two) <= longest:
+                    parts += [(two[::-1], one)] if len(two) > 1 else []
+                    parts += [(two, one)] if len(one) > len(two) else []
+                trials += [here[: h + 1] + first + second + here[k + 1 :] for first, second in parts]
+            t.order[:], t.look[:], t.look[i] = here, False, True
+            refresh(path.windows, t)
+            settle(path.windows, t, moves, i, 1)
+            assert value(t, makespan) == pytest.approx(min(map(worth, [here, *trials])), rel=1e-12), (case, i)
+            made += t.order.tolist() != here
+    assert made > 2 * case
+
+
 def test_repair_finds_orders_in_time() -> None:
     rng, found = np.random.default_rng(6), 0
     for case in range(cases(30, 500)):

@@ -308,7 +308,7 @@ def shorten(fleet: Fleet, r: FleetRoutes, k: int) -> None:
             late += 1
         if late == size:
             return
-        best, place = -1.0, min(late, size - 2)
+        best, place = -1.0, 1
         for p in range(1, min(late, size - 2) + 1):
             saved = fleet.cost[stops[p - 1], stops[p]] + fleet.cost[stops[p], stops[p + 1]]
             saved = max(0.0, saved - fleet.cost[stops[p - 1], stops[p + 1]]) / (fleet.price[stops[p]] + 1e-9)
