@@ -19,6 +19,7 @@ from antway.ants.immune import (
     vaccinate_tour,
     vaccines,
 )
+from antway.ants.persistence import Constant
 from antway.ants.rules import make_rule
 from antway.grid import Grid
 from antway.kernels.base import rng
@@ -150,3 +151,18 @@ def test_a_vaccinated_path_may_be_as_long_as_an_ant_may_go(steps):
     trail.learn(walkers, 0, immunity)
     assert trail.best == (5.0 if steps == 5 else 1 + 3 * 2**0.5)
     assert graph.cells(trail.path).tolist() == (best if steps == 5 else path).tolist()
+
+
+def test_suppression_lowers_the_pheromone_of_the_best_that_stays_the_same():
+    graph = AntGraph(Problem(Grid(np.zeros((3, 5), dtype=bool)), (0, 0), (0, 3)))
+    left = []
+    for suppression in (1.0, 0.25):
+        immunity = Immunity(Immune(temperature=0.0, vaccinated=0.0, stagnation=1, suppression=suppression), False, 0)
+        walkers, trail = Ants(graph, 1, 3), Trail(graph, make_rule("as", persistence=Constant(0.5)), 1, "field")
+        walkers.moves[0], walkers.depth[0], walkers.length[0] = graph.moves(graph.start + np.arange(4)), 3, 3.0
+        trail.learn(walkers, 0, immunity)
+        before = trail.tau.copy()
+        trail.learn(walkers, 1, immunity)
+        left.append(trail.tau)
+    gone, on_path = left[0] - left[1], before != before[before > 0].min()
+    assert on_path.sum() >= 3 and np.allclose(gone[on_path], 0.5 * 0.75 * before[on_path]) and not gone[~on_path].any()
