@@ -356,3 +356,27 @@ def test_tracks_of_a_scan_without_a_time_are_met() -> None:
         xy = xy[0] + 0.1 * command.velocity[0], xy[1] + 0.1 * command.velocity[1]
         nearest = min(nearest, math.dist(xy, (6.0, 2.0)) - 0.6)
     assert nearest > 0.0
+
+
+@pytest.mark.parametrize(
+    "robot", [RobotSpec(radius=0.2), RobotSpec(radius=0.2, drive="differential", a_max=1.0)], ids=["holonomic", "wheels"]
+)
+def test_a_robot_whose_place_was_wrong_rejoins_its_path(robot: RobotSpec) -> None:
+    """From behind a wall it drives around that wall, at most at full speed; off the map it stands, until its place is right."""
+    blocked = np.zeros((8, 12), dtype=bool)
+    blocked[4, :9] = True
+    policy, behind = make_policy("paper"), (2.0, 6.0)
+    policy.reset(Task(Grid(blocked, 1.0), robot, (1.5, 1.5), (10.5, 1.5)), 0)
+    for k, xy in enumerate([(1.5, 1.5), behind, (2.5, 1.5), (-1.0, 1.5), (3.0, 1.5)]):
+        command = policy.act(Observation(0.1 * k, xy, (0.0, 0.0), 0.0, Tracks.none()))
+        assert math.hypot(*command.velocity) < 1.0 + 1e-9
+        assert policy.routes.clear(xy, policy.nodes[0]) == (policy.explain().action == "follow") == (xy[0] > 0.0)
+        if xy != behind:  # where wheels turn first
+            assert command.velocity == pytest.approx((float(xy[0] > 0.0), 0.0), abs=1e-9)
+
+
+def test_ants_that_were_watched_step_by_step_get_all_their_cycles_again() -> None:
+    """A cycle that is played with fewer ant cycles leaves the number of them as it was."""
+    policy = make_policy("paper", cycles=7)
+    policy.reset(hall().task, 0)
+    assert policy.step_ants(1, lambda: None).done and policy.cycles == 7

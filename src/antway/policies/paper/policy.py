@@ -168,12 +168,14 @@ class PaperPolicy:
                 self._resume(observation, home)
         self.nodes = self.routes.ahead(observation.xy, self.nodes)
         if self.routes.astray(observation, self.nodes):
-            self._resume(observation, self._home(observation.xy))
-            if not len(self.nodes):
+            home = self._home(observation.xy)
+            if not len(home):  # the nodes stay, for when the robot's place is right again
+                self.decision = renewed(self.decision, "stuck", "no path leads back to the shortest one")
                 return STOP
+            self._resume(observation, home)
         when, obstacle = self._conflict(ahead, self.nodes)
         if when == math.inf:
-            if self.decision.action in ("wait", "brake", "step-aside") and not self.retreating:
+            if self.decision.action in ("wait", "brake", "step-aside", "stuck") and not self.retreating:
                 self._resume(observation, self.nodes)
             self.held = -math.inf
             return self._drive(observation)
@@ -195,6 +197,7 @@ class PaperPolicy:
         before, most = self.colonies, self.cycles
         self.cycles = min(cycles, most)
         act()
+        self.cycles = most
         if self.colonies == before:
             idle = "No ants in this control cycle: policy paper uses them only for a detour around an obstacle ahead."
             return AntStep(idle, True, self.decision)

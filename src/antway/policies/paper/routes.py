@@ -225,9 +225,9 @@ class StaticRoutes:
         return Command(((here[0] - seen.xy[0]) / dt, (here[1] - seen.xy[1]) / dt)), rest if len(rest) else nodes[-1:]
 
     def astray(self, seen: Observation, nodes: Nodes) -> bool:
-        """Tell whether a robot that could not turn at once has stopped where it does not see the next of `nodes`."""
+        """Tell whether the robot does not see the next of `nodes` and can turn, at once or because it has stopped."""
         x, y = nodes[0].tolist()
-        return self.stops and math.hypot(*seen.velocity) < 1e-6 and not self.clear(seen.xy, (x, y))
+        return (not self.stops or math.hypot(*seen.velocity) < 1e-6) and not self.clear(seen.xy, (x, y))
 
     def _to_corner(self, seen: Observation, nodes: Nodes) -> Command:
         """Drive straight to the next corner and stop there, so that a robot with inertia or wheels keeps to its path."""
