@@ -10,7 +10,7 @@ import pytest
 from antway import BadParameter, Grid, Outcome, RobotSpec, Scenario, World, check_episode, make_policy, run
 from antway.kernels.baselines.neural import CLOSED, FREE, TARGET, ascend, relax, shunt, stamp
 from antway.world.motions import BackAndForth
-from antway.world.policy import Task
+from antway.world.policy import Observation, Task, Tracks
 from antway.world.world import Obstacle
 from common import cases, costly
 from naive import baselines as naive
@@ -161,6 +161,16 @@ def test_without_a_way_the_robot_stands() -> None:
     for name in ("neural", "glasius"):
         result = run(Scenario(World(Grid(blocked, 0.5)), (1.25, 3.25), (9.25, 3.25), horizon=2.0), name)
         assert result.outcome is Outcome.TIMEOUT and result.length == 0.0
+
+
+def test_a_robot_whose_place_is_off_the_map_stands() -> None:
+    """A wrong place ends neither the episode nor the policy, which goes on as soon as the place is right."""
+    for name in ("neural", "glasius"):
+        policy = make_policy(name)
+        policy.reset(Task(Grid(np.zeros((5, 10), dtype=bool), 1.0), POINT, (1.5, 1.5), (8.5, 3.5)), 0)
+        for xy, action in {(1.5, 1.5): "follow", (-0.3, 1.5): "stuck", (1.5, 5.3): "stuck", (2.5, 1.5): "follow"}.items():
+            command = policy.act(Observation(0.0, xy, (0.0, 0.0), 0.0, Tracks.none()))
+            assert (policy.explain().action, any(command.velocity)) == (action, action == "follow")
 
 
 def test_wrong_options_are_refused() -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.baselines.replan import STOP, Avoider, short_of_walls
+from antway.errors import OutOfBounds
 from antway.grid import Cell
 from antway.kernels.baselines.neural import CLOSED, DIAGONAL, FREE, TARGET, ascend, relax, shunt, stamp
 from antway.world.line_of_sight import clear, diagonal_radius
@@ -34,7 +35,7 @@ class Neural(Avoider):
     Parameters
     ----------
     decay, upper, lower, mu, drive : float
-        A > 0, B > 0, D >= 0, 0 < mu < A / 8 and E > 0.
+        A > 0, B > 0, D >= 0, 0 < mu <= A / 8 and E > 0.
     sweeps : int
         Number of updates of the network in a cycle, >= 1.
     span : float
@@ -116,7 +117,10 @@ class Neural(Avoider):
 
     def _up(self, o: Observation, kind: NDArray[np.uint8]) -> XY | None:
         """Return the farthest visible place on the ascending path, about one control period away."""
-        here = self._cell(o.xy)
+        try:
+            here = self._cell(o.xy)
+        except OutOfBounds:  # the robot's place is wrong
+            return None
         if here == self.goal:
             return self.task.goal
         for cell in ascend(self.x, kind, *here, self.steps)[::-1].tolist():
