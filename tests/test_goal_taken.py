@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from antway import Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, make_policy, run
+from antway import BadParameter, Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, make_policy, run
 from antway.arena.suites import SuiteEpisode, build, facts
 from antway.tables import NEED_PYRVO, POLICIES
 from antway.world.motions import Line
@@ -48,6 +48,12 @@ def test_no_path_within_the_tolerance_is_sooner_than_the_optimum() -> None:
         episode = SuiteEpisode("synthetic", "synthetic", group, number)
         assert facts(build(episode), episode.seed).bound < most
     assert math.isfinite(most)
+
+
+def test_the_oracle_must_know_the_future() -> None:
+    """Where nobody tells it the motions, as on a robot, it is refused."""
+    with pytest.raises(BadParameter, match="foresee"):
+        make_policy("oracle").reset(Task(Grid(np.zeros((9, 9), bool)), RobotSpec(), (1.5, 1.5), (6.5, 1.5)), 0)
 
 
 def test_the_oracle_passes_who_stands_for_good() -> None:

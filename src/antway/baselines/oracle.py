@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from antway.baselines.replan import arrival_time, drive, searches_for
+from antway.errors import BadParameter
 from antway.kernels.base.records import Trajectories
 from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
@@ -40,7 +41,9 @@ class Oracle:
         self.timeline = timeline
 
     def reset(self, task: Task, seed: int) -> None:
-        """Plan the whole path, from 0 s on."""
+        """Plan the whole path, from 0 s on; `foresee` comes before."""
+        if not hasattr(self, "timeline"):
+            raise BadParameter("policy", "oracle", "another where the future is not known: `foresee` has not been called")
         self.task, self.is_first = task, True
         self._plan(0.0)
 
