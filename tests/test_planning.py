@@ -116,6 +116,14 @@ def test_arrays_of_copies_cannot_be_written() -> None:
             assert not array.flags.writeable
 
 
+def test_plans_of_lists_are_refused() -> None:
+    """A planner of a third party that returns lists is told which field must be an array."""
+    with pytest.raises(BadParameter, match="^cells = "):
+        Plan(Status.FOUND, [[0, 0]])  # type: ignore[arg-type]
+    with pytest.raises(BadParameter, match="^points = "):
+        Plan(Status.FOUND, np.zeros((1, 2), np.int32), points=[[0.0, 0.0]])  # type: ignore[arg-type]
+
+
 def test_moves_name_their_offsets() -> None:
     """Offsets come in pairs of opposites, straight ones first, and 8, 16, 32 of them as named."""
     for moves, count in ((Moves.FOUR, 4), (Moves.EIGHT, 8), (Moves.SIXTEEN, 16), (Moves.THIRTY_TWO, 32)):

@@ -221,9 +221,9 @@ class Plan:
         return figure
 
     def __post_init__(self) -> None:
-        self.cells.setflags(write=False)
+        checks.instance("cells", self.cells, np.ndarray).setflags(write=False)
         if self.points is not None:
-            self.points.setflags(write=False)
+            checks.instance("points", self.points, np.ndarray).setflags(write=False)
 
     def __reduce__(self) -> tuple[object, ...]:
         # Copies and unpickled plans use the constructor, so that their arrays are read-only too.
