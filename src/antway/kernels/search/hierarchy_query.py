@@ -150,7 +150,7 @@ def route(
     """
     lattice, number, cells = subgoals.lattice, subgoals.number, graph.cells
     label, came, seeds = memory.label, memory.came, memory.seeds
-    if (row == goal_row and col == goal_col) or is_clear(lattice, row, col, goal_row, goal_col):
+    if is_clear(lattice, row, col, goal_row, goal_col):
         a, b = abs(row - goal_row), abs(col - goal_col)
         path = np.empty((max(a, b) + 1, 2), np.int32)
         path[0, 0], path[0, 1] = row, col
