@@ -38,18 +38,18 @@ def _wall_potential(blocked: np.ndarray, size: float, radius: float, reach: floa
 
 
 def test_wall_forces_are_the_gradient_of_khatibs_potential() -> None:
-    """Against differences of a naive potential, on random maps; the third number is twice the potential."""
+    """Against differences of a naive potential, on random maps anywhere; the third number is twice the potential."""
     rng, seen, radius, size = np.random.default_rng(0), 0, 0.15, 0.5
     while seen < cases(50, 10_000):
         blocked = rng.random((9, 9)) < 0.2
         walls, count = label(blocked, np.ones((3, 3)))
-        at, reach = rng.uniform(0.3, 4.2, 2), rng.uniform(0.2, 1.0)
+        at, reach, corner = rng.uniform(0.3, 4.2, 2), rng.uniform(0.2, 1.0), rng.uniform(-9.0, 9.0, 2)
         row, col = at[::-1] / size - 0.5
         if segment_hits_cells(blocked, row, col, row, col, 0.2 / size, True):
             continue
         potential = partial(_wall_potential, blocked, size, radius, reach)
-        frame, near = np.array([0.0, 0.0, size]), np.empty((count + 5, 3))
-        fx, fy, u = wall_force(walls.astype(np.int32), frame, *at, radius, reach, near)
+        frame, near = np.array([*corner, size]), np.empty((count + 5, 3))
+        fx, fy, u = wall_force(walls.astype(np.int32), frame, *(corner + at), radius, reach, near)
         assert u == pytest.approx(2 * potential(at), rel=1e-9, abs=1e-9)
         np.testing.assert_allclose((fx, fy), -naive.gradient(potential, at), rtol=1e-4, atol=1e-4)
         seen += 1
