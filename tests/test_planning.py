@@ -118,9 +118,9 @@ def test_arrays_of_copies_cannot_be_written() -> None:
 
 def test_plans_of_lists_are_refused() -> None:
     """A planner of a third party that returns lists is told which field must be an array."""
-    with pytest.raises(BadParameter, match="^cells = "):
+    with pytest.raises(BadParameter, match="cells"):
         Plan(Status.FOUND, [[0, 0]])  # type: ignore[arg-type]
-    with pytest.raises(BadParameter, match="^points = "):
+    with pytest.raises(BadParameter, match="points"):
         Plan(Status.FOUND, np.zeros((1, 2), np.int32), points=[[0.0, 0.0]])  # type: ignore[arg-type]
 
 
