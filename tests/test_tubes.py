@@ -11,7 +11,7 @@ from antway import Grid, RobotSpec, Scenario, World, distance_field, run
 from antway.kernels.tracking.tubes import first_conflict
 from antway.policies.paper.routes import PathsFrom, StaticRoutes
 from antway.policies.paper.tubes import Tubes
-from antway.world.policy import Observation, Tracks
+from antway.world.policy import Observation, Task, Tracks
 from common import cases, costly, free_cells, random_grid
 
 OPEN = Grid(np.zeros((40, 40), dtype=bool), 0.25)
@@ -118,6 +118,79 @@ def test_ways_are_shortest_and_none_leads_where_none_can() -> None:
             if len(nodes):
                 assert nodes[0].tolist() == list(grid.centre((row, col))) and nodes[-1].tolist() == list(grid.centre(cell))
                 assert math.isclose(np.hypot(*np.diff(nodes, axis=0).T).sum(), exact[row, col], abs_tol=1e-9)
+
+
+def test_nodes_that_were_passed_are_left_behind() -> None:
+    """Those behind the robot on a straight line, however many; beside the line and before its first node all of them stay."""
+    for dx, dy in ((1, 0), (0, -1), (-1, 1), (2, 1)):
+        nodes = np.array([(k * dx, k * dy) for k in (1.0, 2.0, 3.0)])
+        for share, left in {0.5: 3, 1.0: 2, 1.5: 2, 2.0: 1, 2.5: 1, 3.5: 1}.items():
+            assert len(StaticRoutes.ahead((share * dx, share * dy), nodes)) == left
+        assert len(StaticRoutes.ahead((1.5 * dx - 0.1 * dy, 1.5 * dy + 0.1 * dx), nodes)) == 3
+    corner = np.array([(1.0, 0.0), (2.0, 0.0), (2.0, 1.0)])
+    assert StaticRoutes.ahead((2.5, 0.0), corner).tolist() == corner[1:].tolist()
+
+
+def test_the_robot_is_on_its_timed_path_and_cuts_no_corner_of_a_wall() -> None:
+    """After a wait it is where the path says, around corners too; where the chord of a step would touch, it ends there."""
+    nodes, start = np.array([(2.0, 1.0), (2.0, 2.55), (3.5, 2.55)]), (1.1, 1.0)
+    routes = StaticRoutes(Task(OPEN, RobotSpec(), start, (9.0, 9.0)))
+    path, xy, left = routes.timed(Observation(5.0, start, (0.0, 0.0), 0.0, Tracks.none()), nodes, 1.5), start, nodes
+    assert path.at(6.4) == start and path.t[0] == 5.0
+    for k in range(45):
+        t = 6.5 + 0.1 * k
+        assert xy == pytest.approx(path.at(t), abs=1e-9)
+        command, left = routes.passed(Observation(t, xy, (0.0, 0.0), 0.0, Tracks.none()), left)
+        xy = xy[0] + 0.1 * command.velocity[0], xy[1] + 0.1 * command.velocity[1]
+    blocked, places = np.zeros((60, 60), dtype=bool), [start]
+    blocked[13:, :17] = True
+    routes = StaticRoutes(Task(Grid(blocked, 0.1), RobotSpec(v_max=6.0), start, (3.5, 2.55)))
+    while len(places) < 5:
+        command, nodes = routes.passed(Observation(0.0, places[-1], (0.0, 0.0), 0.0, Tracks.none()), nodes)
+        places.append((places[-1][0] + 0.1 * command.velocity[0], places[-1][1] + 0.1 * command.velocity[1]))
+    assert np.allclose(places, [start, (1.7, 1.0), (2.0, 1.0), (2.0, 1.6), (2.0, 2.2)])
+
+
+def test_what_is_driven_for_a_while_ends_at_a_stand_or_at_a_wall() -> None:
+    """At a velocity for four periods, and then one to stop in; nothing where that meets a wall."""
+    routes = StaticRoutes(Task(OPEN, RobotSpec(), (1.0, 1.0), (9.0, 9.0)))
+    seen = Observation(2.0, (1.0, 1.0), (0.0, 0.0), 0.0, Tracks.none())
+    path = routes.driven(seen, (0.0, 1.0), 0.35)
+    assert np.allclose(path.t, 2.0 + 0.1 * np.arange(6))
+    assert np.allclose(path.xy, [(1.0, 1.0 + y) for y in (0.0, 0.1, 0.2, 0.3, 0.4, 0.4)])
+    assert routes.driven(seen, (0.0, -1.0), 0.65) is not None and routes.driven(seen, (0.0, -1.0), 0.75) is None
+
+
+def test_a_robot_that_passes_several_nodes_in_one_period_drives_on() -> None:
+    """A fast robot on a fine map whose path is not pulled taut keeps its direction until it brakes for the end."""
+    robot = RobotSpec(radius=0.2, v_max=2.0, a_max=4.0, drive="differential", dynamics="steps")
+    routes = StaticRoutes(Task(Grid(np.zeros((20, 60), dtype=bool), 0.1), robot, (1.05, 1.05), (5.05, 1.05)))
+    nodes, x, v = np.array([(1.15 + 0.1 * k, 1.05) for k in range(40)]), 1.05, 0.0
+    for _ in range(40):
+        command, nodes = routes.passed(Observation(0.0, (x, 1.05), (v, 0.0), 0.0, Tracks.none()), nodes)
+        assert command.velocity[0] > 0.0 or x > 5.04
+        v = min(max(command.velocity[0], v - 0.4), v + 0.4)
+        x += 0.1 * v
+    assert x == pytest.approx(5.05, abs=1e-3)
+
+
+def test_pulled_paths_keep_the_nodes_that_are_needed() -> None:
+    """On random maps, against a loop over all nodes: after a node that is kept comes the last of those it sees in a row."""
+    rng, robot = np.random.default_rng(8), RobotSpec(radius=0.3, drive="differential")
+    for _ in range(cases(10, 500)):
+        grid = Grid(rng.random((12, 12)) < 0.2, 1.0)
+        free = grid.to_xy(free_cells(grid))
+        routes = StaticRoutes(Task(grid, robot, *map(tuple, free[rng.integers(len(free), size=2)].tolist())))
+        xy = routes.task.start
+        here = routes.cell(xy)
+        whole = [xy, *map(tuple, routes.home.nodes(here).tolist())]
+        kept = routes.pulled(xy, np.array(whole[1:] or np.empty((0, 2)))).tolist()
+        i = 0
+        for node in kept:
+            j = next((k for k in range(i + 2, len(whole)) if not routes.clear(whole[i], whole[k])), len(whole)) - 1
+            assert tuple(node) == whole[j]
+            i = j
+        assert i == len(whole) - 1
 
 
 @pytest.mark.parametrize(

@@ -196,9 +196,11 @@ class StaticRoutes:
     @staticmethod
     def ahead(xy: XY, nodes: Nodes) -> Nodes:
         """Return `nodes` without those that the robot at `xy` has reached or passed; the last one always stays."""
-        i = 0
-        while i < len(nodes) - 1 and (
-            math.dist(xy, nodes[i].tolist()) < 1e-6 or _straight(nodes[i].tolist(), xy, nodes[i + 1].tolist())
+        points, i = nodes.tolist(), 0
+        while i < len(points) - 1 and (
+            math.dist(xy, points[i]) < 1e-6
+            or _straight(points[i], xy, points[i + 1])
+            or _straight(points[i], points[i + 1], xy)  # it has come by several nodes in one period
         ):
             i += 1
         return nodes[i:]
