@@ -6,7 +6,7 @@ import json
 import math
 from contextlib import nullcontext
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -32,6 +32,7 @@ from antway.cli import app
 from antway.kernels.trajectory import smooth as kernels
 from antway.trajectory.motion import Motion
 from antway.trajectory.profile import stop_at_corners, straight_legs, without_repeats
+from antway.world.line_of_sight import passes
 from antway.world.robots import load_robot
 from antway.world.rollouts import finite_limits
 from common import cases, costly, random_grid
@@ -257,6 +258,27 @@ def test_straight_legs_leave_out_vertices_but_cut_no_wall() -> None:
     assert legs is not None and legs.tolist() == path[[0, 2, 4]].tolist()
     assert straight_legs(path[[0, 4]], grid, RobotSpec(radius=0.1)) is None
     assert straight_legs(path, grid, RobotSpec(radius=0.3)) is None
+
+
+def test_motions_with_stops_start_with_the_heading_of_the_first_leg() -> None:
+    """Wheels do not turn before they have moved; what has a footprint and no wheels keeps the heading of the map."""
+    for name, turns in (("diff", True), ("inertia", True), ("box", False)):
+        ahead = stop_at_corners([(1.0, 1.0), (3.0, 1.0)], ROBOTS[name])
+        motion = stop_at_corners([(1.0, 1.0), (1.0, 3.0)], ROBOTS[name])
+        assert motion.time == pytest.approx(ahead.time) and np.allclose(motion.heading, math.pi / 2 if turns else 0.0)
+
+
+def test_straight_legs_take_the_least_time() -> None:
+    """Against all choices among six vertices, on random maps."""
+    rng, robot = np.random.default_rng(3), RobotSpec(radius=0.1, a_max=1.0)
+    for _ in range(cases(20, 1000)):
+        grid, xy, best = Grid(rng.random((6, 6)) < 0.2, 0.5), rng.uniform(0.15, 2.85, (6, 2)), math.inf
+        for inner in product((False, True), repeat=4):
+            some = xy[[True, *inner, True]]
+            if all(passes(grid, a, b, robot.radius) for a, b in pairwise(some)):
+                best = min(best, stop_at_corners(some, robot).time)
+        legs = straight_legs(xy, grid, robot)
+        assert (math.inf if legs is None else stop_at_corners(legs, robot).time) == pytest.approx(best, rel=1e-9)
 
 
 def test_the_check_rejects_every_broken_motion() -> None:
