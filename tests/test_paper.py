@@ -368,7 +368,7 @@ def test_a_robot_whose_place_was_wrong_rejoins_its_path(robot: RobotSpec) -> Non
     policy, behind = make_policy("paper"), (2.0, 6.0)
     policy.reset(Task(Grid(blocked, 1.0), robot, (1.5, 1.5), (10.5, 1.5)), 0)
     for k, xy in enumerate([(1.5, 1.5), behind, (2.5, 1.5), (-1.0, 1.5), (3.0, 1.5)]):
-        command = policy.act(Observation(0.1 * k, xy, (0.0, 0.0), 0.0, Tracks.none()))
+        command = policy.act(Observation(0.1 * k, xy, (0.0 if robot.wheels else 1.0, 0.0), 0.0, Tracks.none()))
         assert math.hypot(*command.velocity) < 1.0 + 1e-9
         assert policy.routes.clear(xy, policy.nodes[0]) == (policy.explain().action == "follow") == (xy[0] > 0.0)
         if xy != behind:  # where wheels turn first
