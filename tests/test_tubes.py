@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -135,7 +136,8 @@ def test_the_robot_is_on_its_timed_path_and_cuts_no_corner_of_a_wall() -> None:
     """After a wait it is where the path says, around corners too; where the chord of a step would touch, it ends there."""
     nodes, start = np.array([(2.0, 1.0), (2.0, 2.55), (3.5, 2.55)]), (1.1, 1.0)
     routes = StaticRoutes(Task(OPEN, RobotSpec(), start, (9.0, 9.0)))
-    path, xy, left = routes.timed(Observation(5.0, start, (0.0, 0.0), 0.0, Tracks.none()), nodes, 1.5), start, nodes
+    path, xy = routes.timed(Observation(5.0, start, (0.0, 0.0), 0.0, Tracks.none()), nodes, 1.5), start
+    left = np.vstack([np.linspace(a, b, 45)[1:] for a, b in pairwise((start, *nodes))])  # several in a step
     assert path.at(6.4) == start and path.t[0] == 5.0
     for k in range(45):
         t = 6.5 + 0.1 * k
@@ -159,6 +161,26 @@ def test_what_is_driven_for_a_while_ends_at_a_stand_or_at_a_wall() -> None:
     assert np.allclose(path.t, 2.0 + 0.1 * np.arange(6))
     assert np.allclose(path.xy, [(1.0, 1.0 + y) for y in (0.0, 0.1, 0.2, 0.3, 0.4, 0.4)])
     assert routes.driven(seen, (0.0, -1.0), 0.65) is not None and routes.driven(seen, (0.0, -1.0), 0.75) is None
+
+
+def test_a_robot_with_inertia_stops_before_it_drives_another_way() -> None:
+    """It drives on towards its node, or from a stand; while it moves aside or backwards it brakes."""
+    routes = StaticRoutes(Task(OPEN, RobotSpec(a_max=1.0), (1.0, 1.0), (9.0, 9.0)))
+    for velocity, drives in {(0.5, 0.0): True, (0.0, 0.0): True, (0.4, 0.3): False, (-0.3, 0.0): False}.items():
+        seen = Observation(0.0, (1.0, 1.0), velocity, 0.0, Tracks.none())
+        command, _ = routes.passed(seen, np.array([(5.0, 1.0)]))
+        assert command.velocity == ((1.0, 0.0) if drives else (0.0, 0.0))
+
+
+def test_the_first_node_is_left_out_where_the_second_is_seen() -> None:
+    """Not behind a wall, and not if it is the only one."""
+    blocked = np.zeros((10, 10), dtype=bool)
+    blocked[3:, 3] = True
+    routes = StaticRoutes(Task(Grid(blocked, 1.0), RobotSpec(), (1.5, 5.5), (5.5, 5.5)))
+    nodes = np.array([(1.5, 5.5), (1.5, 2.5), (5.5, 5.5)])
+    assert routes.joined((1.2, 5.2), nodes).tolist() == nodes[1:].tolist()
+    assert routes.joined((1.2, 5.2), nodes[::2]).tolist() == nodes[::2].tolist()
+    assert routes.joined((1.2, 5.2), nodes[:1]).tolist() == nodes[:1].tolist()
 
 
 def test_a_robot_that_passes_several_nodes_in_one_period_drives_on() -> None:
