@@ -70,12 +70,14 @@ def test_shunting_neurons_come_to_rest_where_the_equations_do() -> None:
 
 def test_a_sweep_visits_each_cell_once_in_its_order() -> None:
     """One sweep in each of the four orders against a loop over that order, with the activities as they are by then."""
-    kind, slope = kinds(np.random.default_rng(4)), 0.12
+    rng, slope = np.random.default_rng(4), 0.12
+    kind = kinds(rng)
+    start = np.where(kind == CLOSED, 0.0, rng.random(kind.shape))
     for order in range(4):
-        bounded, neurons = np.zeros(kind.shape), np.zeros(kind.shape)
+        bounded, neurons = start.copy(), start.copy()
         relax(bounded, kind, slope, 0.8, order)
         shunt(neurons, kind, 10.0, 1.0, 1.0, 0.7, 100.0, math.inf, order)
-        slow = np.zeros((2, *kind.shape))
+        slow = np.stack((start, start))
         rows, cols = (range(1, side - 1)[:: 1 - 2 * (order >> axis & 1)] for axis, side in enumerate(kind.shape))
         for row in rows:
             for col in cols:
@@ -152,6 +154,16 @@ def test_activity_underflows_far_from_the_goal() -> None:
     assert result.outcome is Outcome.TIMEOUT and result.length == 0.0 and policy.explain().action == "stuck"
     near = np.sort(policy.x[policy.x > 0.0])
     assert 200 < len(near) < 400 and near[0] < 1e-300
+
+
+def test_the_path_may_begin_in_a_cell_that_an_obstacle_closes() -> None:
+    """Then straight neighbours can be reached, and diagonal ones only past cells that are open."""
+    kind, x = np.full((5, 5), FREE, np.uint8), np.zeros((5, 5))
+    kind[2, 2] = kind[1, 2] = CLOSED
+    for cell, reached in {(2, 3): True, (3, 2): True, (3, 3): True, (1, 1): False, (1, 3): False}.items():
+        x[:] = 0.0
+        x[cell] = 0.5
+        assert ascend(x, kind, 2, 2, 3).tolist() == ([list(cell)] if reached else [])
 
 
 def test_without_a_way_the_robot_stands() -> None:

@@ -194,6 +194,7 @@ def test_the_local_target_is_the_first_free_node_past_the_conflict() -> None:
     assert local_target(route, taken, every, 2.5, (0.0, 0.0), 5.0, lambda p: True)[0] == 4
     assert local_target(route, taken, route[:, 0] > 5.5, 2.5, (0.0, 0.0), 5.0, lambda p: True)[0] == 5
     assert local_target(route, every, every, 2.5, (0.0, 0.0), 5.0, lambda p: p[0] < 4.5)[0] == 3
+    assert local_target(route, every, every, 2.5, (0.0, 0.0), 5.0, lambda p: True)[0] == 4
     assert local_target(route, every, every, 2.5, (0.0, 0.0), 5.0, lambda p: False)[0] == 7
     assert local_target(route, every, route[:, 0] < 6.5, 2.5, (0.0, 0.0), 5.0, lambda p: False)[0] == 5
 

@@ -163,6 +163,25 @@ def test_what_is_driven_for_a_while_ends_at_a_stand_or_at_a_wall() -> None:
     assert routes.driven(seen, (0.0, -1.0), 0.65) is not None and routes.driven(seen, (0.0, -1.0), 0.75) is None
 
 
+def test_a_robot_off_its_path_rejoins_it_where_the_whole_is_shortest() -> None:
+    """Against all nodes of the path, on random maps; up to a cell longer where it joins earlier."""
+    rng, seen = np.random.default_rng(9), 0
+    while seen < cases(20, 1000):
+        grid = Grid(rng.random((12, 12)) < 0.3, 1.0)
+        free = grid.to_xy(free_cells(grid))
+        start, goal, xy = map(tuple, free[rng.integers(len(free), size=3)].tolist())
+        routes = StaticRoutes(Task(grid, RobotSpec(), start, goal))
+        path, here = routes.to_goal(start), PathsFrom(routes.inflated, grid.cell_at(xy)).distance()
+        nodes = routes.rejoining(xy, path, 3.0)
+        if not len(path) or math.isinf(here[grid.cell_at(goal)]):
+            assert not len(nodes)
+            continue
+        ways = [here[grid.cell_at(node)] + routes.length(node, path[k:]) for k, node in enumerate(path.tolist())]
+        near = [way for way, node in zip(ways, path.tolist()) if here[grid.cell_at(node)] <= 3.0] or ways
+        assert nodes[-1].tolist() == list(goal) and routes.length(xy, nodes) < min(near) + 1.0
+        seen += 1
+
+
 def test_a_robot_with_inertia_stops_before_it_drives_another_way() -> None:
     """It drives on towards its node, or from a stand; while it moves aside or backwards it brakes."""
     routes = StaticRoutes(Task(OPEN, RobotSpec(a_max=1.0), (1.0, 1.0), (9.0, 9.0)))
