@@ -34,6 +34,13 @@ def test_timed_moves_against_samples(moves):
         assert not (legal & ~bits & (margin > step)).any()
 
 
+def test_goals_that_are_named_twice_count_once() -> None:
+    """The lists of the search hold a cell once."""
+    mask, goals = timed_moves(Grid(np.zeros((4, 6), dtype=bool)), 0.3), [(0, 0), (2, 3)]
+    once = timed_field(mask, Moves.THIRTY_TWO, goals)
+    assert (timed_field(mask, Moves.THIRTY_TWO, [*goals, goals[0]]) == once).all()
+
+
 @pytest.mark.parametrize("moves", TIMED_MOVES)
 def test_timed_moves_between_far_cells(moves):
     """With a stride, the moves are those that are so much longer, from every cell of the stride."""
