@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from antway import (
     BadParameter,
     Command,
     Grid,
+    Moves,
     Outcome,
     Problem,
     RobotSpec,
@@ -330,7 +332,7 @@ def test_missing_velocities_are_those_between_scans() -> None:
     policy.reset(hall().task, 0)
     unknown = np.full((2, 2), math.nan)
     for t, stamp, x in ((0.0, 0.0, 6.0), (0.1, 0.0, 6.0), (0.2, 0.2, 5.9), (0.3, 0.2, 5.9)):
-        seen = Observation(t, (1.1, 3.1), (0.0, 0.0), 0.0, Tracks([4, -1], [(x, 1.0), (x, 5.0)], unknown, [0.3, 0.3]), stamp)
+        seen = Observation(t, (1.1, 3.1), (0.0, 0.0), 0.0, Tracks([0, -1], [(x, 1.0), (x, 5.0)], unknown, [0.3, 0.3]), stamp)
         velocity = policy._look(seen).velocity
     assert velocity == pytest.approx(np.array([(-0.5, 0.0), (0.0, 0.0)]))
 
@@ -381,3 +383,28 @@ def test_ants_that_were_watched_step_by_step_get_all_their_cycles_again() -> Non
     policy = make_policy("paper", cycles=7)
     policy.reset(hall().task, 0)
     assert policy.step_ants(1, lambda: None).done and policy.cycles == 7
+
+
+def test_trails_lead_from_cells_along_their_moves() -> None:
+    """The pheromone on a move of the window lies between the centres of both cells; the least on any is not shown."""
+    policy, pheromone = make_policy("paper"), np.zeros((3, 4, 8))
+    policy.reset(hall().task, 0)
+    assert len(policy.trails().amount) == 0
+    pheromone[1, 2], pheromone[1, 2, 5] = 1.0, 4.0
+    policy.found = SimpleNamespace(window=(5, 7, 3, 4), pheromone=pheromone)
+    trails, (down, right) = policy.trails(), Moves.EIGHT.offsets[5].tolist()
+    assert np.allclose(trails.here, [HALL.centre((6, 9))]) and np.allclose(trails.there, [HALL.centre((6 + down, 9 + right))])
+    assert trails.amount.tolist() == [4.0]
+
+
+def test_the_last_resort_puts_contact_off() -> None:
+    """Away from whoever comes, but not into a wall; at rest if nobody does."""
+    policy = make_policy("paper")
+    for x, speed, action in ((1.125, -1.5, "step-aside"), (1.125, 0.0, "brake"), (0.4, -1.5, "step-aside")):
+        policy.reset(hall().task, 0)
+        tracks = Tracks([0], [[x + 1.0, 3.125]], [[speed, 0.0]], [0.3])
+        ahead = policy._look(Observation(0.0, (x, 3.125), (0.0, 0.0), 0.0, tracks))
+        vx, vy = policy._last_resort(ahead, 0, ()).velocity
+        assert (policy.explain().action, math.hypot(vx, vy)) == (action, pytest.approx(0.0 if action == "brake" else 1.0))
+        assert speed == 0.0 or abs(vy) > 0.3 or vx < 0.0 < x - 0.5
+        assert policy.retreating and policy.nodes.tolist() == [[x, 3.125]]

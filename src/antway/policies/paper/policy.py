@@ -198,21 +198,18 @@ class PaperPolicy:
         self.cycles = min(cycles, most)
         act()
         self.cycles = most
-        if self.colonies == before:
-            idle = "No ants in this control cycle: policy paper uses them only for a detour around an obstacle ahead."
-            return AntStep(idle, True, self.decision)
         found, decision = self.found, self.decision
-        if found is not None:  # whether or not its path was taken
-            nodes = np.vstack((self.here, found.plan.xy(self.routes.inflated)))
-            path = TimedPath(np.arange(len(nodes), dtype=np.float64), nodes)
-            decision = replace(
-                decision, path=path, pheromone=(*found.window[:2], found.pheromone_by_cell), history=found.history
-            )
-        done = cycles >= most or (found is not None and len(found.history) < cycles)
+        if found is None or self.colonies == before:
+            idle = "No ants in this control cycle: policy paper uses them only for a detour around an obstacle ahead."
+            return AntStep(idle, True, decision)
+        nodes = np.vstack((self.here, found.plan.xy(self.routes.inflated)))  # whether or not this path was taken
+        path = TimedPath(np.arange(len(nodes), dtype=np.float64), nodes)
+        decision = replace(decision, path=path, pheromone=(*found.window[:2], found.pheromone_by_cell), history=found.history)
+        done = cycles >= most or len(found.history) < cycles
         return AntStep("", done, decision)
 
     def trails(self) -> LaidTrails:
-        """Return the pheromone of the last colony on moves between cells, minus the least on any."""
+        """Return the pheromone of the last colony on moves between cells, where it is more than the least on any."""
         found, none, grid = self.found, np.empty((0, 2)), self.routes.task.grid
         if found is None:
             return LaidTrails(none, none, np.empty(0))
