@@ -332,9 +332,11 @@ def test_missing_velocities_are_those_between_scans() -> None:
     policy.reset(hall().task, 0)
     unknown = np.full((2, 2), math.nan)
     for t, stamp, x in ((0.0, 0.0, 6.0), (0.1, 0.0, 6.0), (0.2, 0.2, 5.9), (0.3, 0.2, 5.9)):
-        seen = Observation(t, (1.1, 3.1), (0.0, 0.0), 0.0, Tracks([0, -1], [(x, 1.0), (x, 5.0)], unknown, [0.3, 0.3]), stamp)
+        seen = Observation(
+            t, (1.1, 3.1), (0.0, 0.0), 0.0, Tracks([0, -1], [(x, x - 5.0), (x, 5.0)], unknown, [0.3, 0.3]), stamp
+        )
         velocity = policy._look(seen).velocity
-    assert velocity == pytest.approx(np.array([(-0.5, 0.0), (0.0, 0.0)]))
+    assert velocity == pytest.approx(np.array([(-0.5, -0.5), (0.0, 0.0)]))
 
 
 def test_places_of_tracks_that_are_gone_are_forgotten() -> None:
