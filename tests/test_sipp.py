@@ -11,6 +11,7 @@ import pytest
 
 from antway import Grid, Moves, Status
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
+from antway.kernels.spacetime.segments import unsafe_departures
 from antway.search.sipp import TIMED_MOVES, Sipp, sipp, timed_field, timed_moves
 from antway.world.timeline import Timeline
 from common import cases, costly, random_grid
@@ -32,6 +33,28 @@ def test_timed_moves_against_samples(moves):
         bits = (mask[..., None] >> np.arange(len(moves.offsets), dtype=np.uint32) & 1).astype(bool)
         assert not (bits & ~legal).any()
         assert not (legal & ~bits & (margin > step)).any()
+
+
+def test_unsafe_departures_are_those_that_samples_find() -> None:
+    """Every departure that meets the segment is between both ends, and near each end there is one."""
+    rng, z, s, met = np.random.default_rng(5), np.linspace(0.0, 1.0, 300), np.linspace(-8.0, 9.0, 681)[:, None], 0
+    for _ in range(cases(60, 2000)):
+        (angle, duration), t0 = rng.uniform((-math.pi, 0.5), (math.pi, 4.0)), rng.uniform(0.0, 3.0)
+        span, (x, y), (ux, uy), radius = (
+            rng.uniform(0.2, 4.0),
+            rng.uniform(-3, 3, 2),
+            rng.uniform(-2, 2, 2),
+            rng.uniform(0.3, 1.5),
+        )
+        vx, vy, along, late = math.cos(angle), math.sin(angle), duration * z, s + duration * z - t0
+        near = np.hypot(vx * along - x - ux * late, vy * along - y - uy * late) < radius - 1e-6
+        times = s[(near & (late >= 0.0) & (late <= span)).any(axis=1), 0]
+        segment = np.array([[t0, t0 + span, x, y, ux, uy, radius, radius]])
+        low, high = unsafe_departures(0.0, 0.0, vx, vy, duration, segment, 0)
+        assert not len(times) or (low <= times[0] <= low + 0.1 and high - 0.1 <= times[-1] <= high)
+        assert len(times) or high - low < 0.1 or low == math.inf
+        met += len(times) > 0
+    assert met > cases(60, 2000) / 6
 
 
 def test_goals_that_are_named_twice_count_once() -> None:
