@@ -29,6 +29,7 @@ from antway.baselines.replan import Follow
 from antway.cli import main
 from antway.errors import BadParameter, BadResults
 from antway.processes import uninterrupted
+from antway.world.options import take_options
 from antway.world.policy import Command, make_policy
 from common import SCALE, cases, costly
 
@@ -294,6 +295,9 @@ def test_policies_by_name_module_and_option():
     """A policy is found by name or as MODULE:CLASS, with options in their own types."""
     assert type(make_policy("test_bench:Raises")) is Raises
     assert make_policy("sipp/margin=0.1/predictions=mirrored").margin == 0.1
+    for text in ("{[]: 1}", "-" * 20_000 + "1", "(", "mirrored"):  # no literals, and so texts
+        options: dict = {}
+        assert take_options(f"sipp/margin={text}", options) == "sipp" and options == {"margin": text}
     for spec in ("", "nobody", "sipp/", "test_bench:Nothing", "os:getcwd"):
         with pytest.raises(BadParameter, match="policy"):
             make_policy(spec)

@@ -61,6 +61,15 @@ def test_who_appears_beside_the_robot_is_not_there_until_it_is_farther_off():
     assert at.velocity[0] == pytest.approx((-1.0, 0.0)) and all(np.hypot(*t.velocity.T).max(initial=0.0) < 2.0 for _, t in seen)
 
 
+@pytest.mark.parametrize("dt", [1e-6, 3e-6, 1e-4])
+def test_people_leave_within_the_shortest_periods(dt: float) -> None:
+    """Who appears beside the robot is gone in the next period, however short periods are."""
+    people = [walk(2 * dt, passes=(2.7, 6.0))]
+    result = run(Scenario(World(ROOM, people), (2.0, 6.0), (11.0, 6.0), RobotSpec(dt=dt), horizon=10 * dt), Drives(0.0))
+    check_episode(result)
+    assert result.trace.sensed[:, 0].tolist() == [True] * 3 + [False] * 8
+
+
 def test_who_appears_farther_off_counts_at_once():
     """A record that begins 1.2 m ahead ends the episode in contact, as does one that went on all the time."""
     for begins in (3.0, 0.0):

@@ -177,6 +177,11 @@ def test_ranks_tell_real_differences():
         assert {name: rank for name, _, rank in metrics.ranks(scaled, most=False)} == {"a": 3, "b": 1, "c": 1}
 
 
+def test_ranks_of_nobody_are_none() -> None:
+    """Without policies there is neither a rank nor an episode that all scored in."""
+    assert metrics.ranks({}) == [] and not metrics.scored_by_all({}).any()
+
+
 def test_ranks_compare_where_both_have_a_score():
     """A score that is missing takes that episode from the policy's own comparisons alone; few pairs decide nothing."""
     hard = np.random.default_rng(4).uniform(1.0, 2.0, 40)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from itertools import pairwise
 
@@ -238,3 +239,19 @@ def test_too_many_knots_are_refused() -> None:
         trajectory(BackAndForth((0, 0), (1e-3, 0), 1e3))
     with pytest.raises(BadScenario, match=r"obstacles\[0\]\.speed"):
         trajectory(Bounce((5, 5), 1e3), horizon=3000.0)
+
+
+def test_a_line_that_rounding_alone_makes_stands() -> None:
+    """Between ends of which one was computed, after a delay, there is no time to drive."""
+    line = trajectory(Line((3.1 + 0.2, 2.0), (3.3, 2.0), 0.5, delay=2.0))
+    assert line.knot_t.tolist() == [0.0] and line.knot_xy.tolist() == [[3.1 + 0.2, 2.0]]
+
+
+def test_a_phase_that_ends_at_a_corner_but_for_rounding_starts_there() -> None:
+    """No step of 1e-16 s comes first, whose velocity is noise."""
+    for corners in range(2, 8):
+        angle = 2.0 * math.pi * np.arange(corners) / corners
+        points = tuple(zip((5.0 + np.cos(angle)).tolist(), (5.0 + np.sin(angle)).tolist()))
+        for k, speed in itertools.product(range(corners + 1), np.linspace(0.3, 1.5, 40).tolist()):
+            t, xy = Waypoints(points, speed, phase=k / corners).trajectory(Draw(0, 0), 20.0, ROOM, 0.3)
+            np.testing.assert_allclose(np.hypot(*np.diff(xy, axis=0).T) / np.diff(t), speed, rtol=1e-6)

@@ -27,6 +27,7 @@ from antway.world.scenario import save_scenario
 from antway.world.sensor import Sensor
 from antway.world.standing import Sighting, StandingObstacles
 from antway.world.stops import Rounds, Stop, Turn, Visit
+from antway.world.timeline import Timeline
 from antway.world.trace import Trace
 from antway.world.tracefile import _Reader
 from antway.world.world import Obstacle
@@ -530,3 +531,26 @@ def test_policy_antway_keeps_the_stop_of_its_guard_at_a_departure() -> None:
     episode.policy.add(Stop((1.0, 1.6)))
     assert episode.policy.departures == 2 and kept[0].any() and kept[1].any()
     assert (guard.dynamic.keep == kept[0]).all() and (guard.dynamic.sent == kept[1]).all() and guard.last_stamp == kept[2]
+
+
+def test_a_stop_that_was_added_belongs_to_its_episode() -> None:
+    """After a reset the stops are those that the policy was made for, and no decision of before counts."""
+    policy = RoundsPolicy(make_policy("follow"), FOUR[:2])
+    for _ in range(2):
+        policy.reset(hall(stops=()).task, 0)
+        assert policy.rounds.stops == FOUR[:2] and len(policy.order_ms) == 1
+        policy.add(FOUR[2])
+        assert policy.rounds.stops == FOUR[:3]
+
+
+def test_an_episode_with_stops_may_end_before_it_begins() -> None:
+    """A policy that fails before its reset ends the episode like any other, without visits."""
+
+    def foresee(timeline: Timeline) -> None:
+        raise ValueError("sees nothing")
+
+    policy: Any = make_policy("follow")
+    policy.foresee = foresee
+    result = run(hall(stops=FOUR[:2]), policy)
+    assert result.outcome is Outcome.ERROR and "sees nothing" in result.reason
+    assert result.rounds.missed == (0, 1) and not len(result.order_ms)

@@ -231,6 +231,15 @@ def test_scenarios_in_python_are_checked() -> None:
             Scenario(world, (1.0, 1.0), (9.0, 9.0), **wrong)
 
 
+@pytest.mark.parametrize("path", ["", ".", "/", ".."])
+def test_a_scenario_is_not_saved_as_a_folder(path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is no file's name is refused, and no map is left behind."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BadParameter, match="path"):
+        save_scenario(Scenario(World(Grid(np.zeros((10, 10), bool))), (1.0, 1.0), (9.0, 9.0)), path)
+    assert not list(tmp_path.iterdir())
+
+
 WALL = np.zeros((10, 10), dtype=bool)
 WALL[:, 5] = True  # x from 5 to 6 m
 

@@ -162,7 +162,7 @@ def scored_by_all(scores: Scores) -> NDArray[np.bool_]:
 
     If no policy has any score, there is no such episode.
     """
-    known = np.isfinite(np.array(list(scores.values())))
+    known = np.isfinite(np.array(list(scores.values()), ndmin=2))
     common: NDArray[np.bool_] = known[known.any(axis=1)].all(axis=0) & known.any()
     return common
 

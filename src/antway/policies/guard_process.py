@@ -60,7 +60,7 @@ class GuardProcess:
     ----------
     task : Task
     deadline : float
-        Share in (0, 1) of the control period within which the planner must answer an observation.
+        Share in (0, 1] of the control period within which the planner must answer an observation.
     slack : float
         How much more than a control period may pass between two observations before the guard brakes, s, >= 0.
     emit : callable or None

@@ -14,7 +14,7 @@ from antway.world.world import World
 
 NEAR = 1.0  # m; a person who appears at a smaller distance of centres from the robot is absent at first
 _FAR = 1000.0  # m; distance from the robot at which absent people are placed
-_INSTANT = 1e-6  # s; people leave this long after a scan and return this long before one, so that no scan sees them move
+_INSTANT = 1e-6  # s; people leave at most so long after a scan and return so long before one, so that no scan sees them move
 
 Place = NDArray[np.float64]  # float64[2], m
 
@@ -29,7 +29,7 @@ class Entries:
 
     def __init__(self, world: World, task: Task) -> None:
         self.motions = {k: one.motion for k, one in enumerate(world.obstacles) if isinstance(one.motion, Replay)}
-        self.task = task
+        self.task, self.instant = task, min(_INSTANT, task.robot.dt / 8)
         self.due = sorted((motion.record_start, k) for k, motion in self.motions.items() if motion.record_start > 0.0)
         self.absent: dict[int, Place] = {}  # by number, the far place at which each is kept
 
@@ -46,7 +46,7 @@ class Entries:
     def _return(self, k: int, t: float, here: Place, line: Timeline) -> Trajectory | None:
         """Return the trajectory of an absent person who comes back in the control period from time t; None if too near."""
         (recorded_t, recorded_xy), robot = self.motions[k].arrays, self.task.robot
-        end = t + robot.dt - _INSTANT  # before the next scan
+        end = t + robot.dt - self.instant  # before the next scan
         offset = place_at((recorded_t, recorded_xy), end) - here
         if math.hypot(*offset) <= max(NEAR, robot.radius + float(line.radius[k])) + robot.v_max * robot.dt:
             return None
@@ -66,8 +66,8 @@ class Entries:
             return None
         far = self.absent[k] = here + (place - here) * (_FAR / apart)
         known = knot_t < t - 1e-9
-        times = np.array([t, t + _INSTANT, t + self.task.robot.dt / 2])
-        places = np.vstack((place, place_at(trajectory, t + _INSTANT), far))
+        times = np.array([t, t + self.instant, t + self.task.robot.dt / 2])
+        places = np.vstack((place, place_at(trajectory, t + self.instant), far))
         return np.concatenate((knot_t[known], times)), np.vstack((xy[known], places))
 
 

@@ -61,11 +61,10 @@ class Line:
 
     def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         speed, delay = draw.of(self.speed), draw.of(self.delay)
-        path = math.dist(self.start, self.end)
-        if path == 0.0 or speed == 0.0:
+        arrival = delay + math.dist(self.start, self.end) / speed if speed else delay
+        if arrival == delay:  # also if rounding alone tells start and end apart
             return _standing(self.start)
-        t, xy = [delay, delay + path / speed], [self.start, self.end]
-        return np.array(t), np.array(xy)
+        return np.array([delay, arrival]), np.array([self.start, self.end])
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,7 +267,7 @@ def place_at(trajectory: Trajectory, when: float) -> NDArray[np.float64]:
 def _from(trajectory: Trajectory, since: float) -> Trajectory:
     """Cut off everything before the time `since`, which becomes 0."""
     t, xy = trajectory
-    i = int(np.searchsorted(t, since, side="right"))
+    i = int(np.searchsorted(t, since * (1 + 1e-12), side="right"))  # not a knot at that time but for rounding
     return np.concatenate(([0.0], t[i:] - since)), np.vstack((place_at(trajectory, since), xy[i:]))
 
 

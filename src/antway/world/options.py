@@ -18,7 +18,7 @@ def take_options(spec: str, options: dict[str, Any]) -> str:
             raise BadParameter("policy", spec, "NAME or MODULE:CLASS, then /OPTION=VALUE once for each option")
         try:
             options[key] = ast.literal_eval(text)
-        except (ValueError, SyntaxError):
+        except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):  # such as {[]: 1}, or a thousand minus signs
             options[key] = text
     return name
 

@@ -52,7 +52,14 @@ class RoundsPolicy:
 
     def __init__(self, policy: Policy, stops: Sequence[Stop]) -> None:
         self.policy = as_policy(policy)
-        self.stops = [checks.instance(f"stops[{k}]", stop, Stop) for k, stop in enumerate(stops)]
+        self.given = tuple(checks.instance(f"stops[{k}]", stop, Stop) for k, stop in enumerate(stops))
+        self._clear()
+
+    def _clear(self) -> None:
+        """Forget the record of an earlier episode, and the stops that were added in it."""
+        self.stops = list(self.given)
+        self.visits: list[Visit] = []
+        self.turns: list[Turn] = []
         self.order_ms: list[float] = []  # time of each decision on the order, ms
         self.homeward = False  # whether all stops have been visited and the robot is on its way to the goal
 
@@ -63,6 +70,7 @@ class RoundsPolicy:
 
     def reset(self, task: Task, seed: int) -> None:
         """Decide on the first order, and start."""
+        self._clear()
         self.task, self.seed = task, seed
         self.now, self.xy = 0.0, task.start  # of the last observation
         self.planner = OrderPlanner(task, self.stops, seed)
@@ -73,9 +81,7 @@ class RoundsPolicy:
         self.order: list[int] = []  # the remaining stops, in the order in which they will be visited
         self.promised = OrderOutlook(0.0, 0.0)  # of the order, when it was chosen
         self.service: _Service | None = None
-        self.visits: list[Visit] = []
-        self.turns: list[Turn] = []
-        self.departures, self.homeward = 0, False
+        self.departures = 0
         # The last decision of the policy, what the robot did then, and the decision that tells both.
         self._explained: tuple[Decision, str, Decision] | None = None
         self._decide("the first order")

@@ -56,8 +56,10 @@ class Scenario:
         The goal is reached within this distance, m, > 0.
     obstacle_swerve : float
         Declared bound on the change of the obstacles' velocity vectors, away from walls, m/s^2, >= 0, may be infinite.
-    obstacle_speed, obstacle_surge : float
-        Declared bounds on the obstacles' speed, m/s, >= 0, and on its growth, m/s^2, >= 0, may be infinite.
+    obstacle_speed : float
+        Declared bound on the obstacles' speed, m/s, in [0, 1000].
+    obstacle_surge : float
+        Declared bound on the growth of their speed, m/s^2, >= 0, may be infinite.
     name : str
     map : str
         The map's file as named in the scenario file; empty for a world made in Python.
@@ -278,11 +280,11 @@ def save_scenario(scenario: Scenario, path: str | Path) -> None:
     """
     checks.instance("scenario", scenario, Scenario)
     with writing("path", path) as file:
-        map_path = file.with_name(f"{file.stem}_map.yaml")
-        if not _holds(map_path, scenario.world.grid):
-            save_map(scenario.world.grid, map_path)
+        map_path = file.parent / f"{file.stem}_map.yaml"
         shown = "top_first = true\n" if scenario.world.grid.top_first else ""  # which a ROS map does not store
         file.write_text(shown + to_toml(replace(scenario, map=map_path.name)), encoding="utf-8")
+        if not _holds(map_path, scenario.world.grid):
+            save_map(scenario.world.grid, map_path)
 
 
 def _holds(file: Path, grid: Grid) -> bool:
