@@ -198,6 +198,11 @@ def test_wrong_steps_and_names_are_refused(tmp_path: Path) -> None:
         figures.convergence_figure({"ants": np.zeros((3, 2))})
     with pytest.raises(BadParameter, match="out"):
         write_animation(TRACE, tmp_path / "a.avi")
+    for field, number in (("frames", 0), ("frames", 2.5), ("width", 0), ("width", "wide")):
+        with pytest.raises(BadParameter, match=field):
+            write_animation(TRACE, tmp_path / "a.gif", **{field: number})
+    with pytest.raises(BadParameter, match="lengths"):
+        colonies.sensitivity_figure("beta", [1, 2], np.empty((2, 0)))
 
 
 def test_the_legend_of_a_motion_names_what_is_drawn_in_that_colour() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
+from antway import checks
 from antway.errors import BadParameter
 from antway.planning import Plan
 from antway.view import style
@@ -49,8 +50,10 @@ def write_animation(
     Raises
     ------
     BadParameter
-        For a suffix other than .gif and .mp4, for .mp4 if ffmpeg is not installed, and if the file cannot be written.
+        For a suffix other than .gif and .mp4, for .mp4 if ffmpeg is not installed, if the file cannot be written, and for a
+        number of pixels or frames below 1.
     """
+    width, frames = (checks.integer(name, value, low=1) for name, value in (("width", width), ("frames", frames)))
     traces = (trace, *beside)
     longest = max(traces, key=lambda one: float(one.t[-1]))
     times = longest.t[np.unique(np.linspace(0, len(longest), frames).round().astype(int))]

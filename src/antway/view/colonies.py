@@ -122,6 +122,8 @@ def sensitivity_figure(parameter: str, values: Sequence[float], lengths: ArrayLi
     """
     at = checks.array("values", values, (None,))
     table = checks.array("lengths", lengths, (len(at), None))
+    if not table.shape[1]:
+        raise BadParameter("lengths.shape", table.shape, "of one seed or more for each value")
     shown = table if optimum is None else 100 * (table / optimum - 1)
     axes = style.figure(5.6, 4.0).subplots()
     axes.plot(np.repeat(at, table.shape[1]), shown.ravel(), "o", color=style.CYAN, markersize=4, alpha=0.6, label="one seed")
