@@ -218,6 +218,9 @@ def test_export(file, tmp_path):
     assert [one["time"] for one in json.loads(export(rows, tmp_path / "r.json").read_text())] == [one.time for one in rows]
     with pytest.raises(BadParameter, match="parquet"):
         export(rows, tmp_path / "r.xls")
+    for kind in ("csv", "JSON"):  # in a folder that does not exist
+        with pytest.raises(BadParameter, match=r"export = .*: must be a path that can be written to"):
+            export(rows, tmp_path / "nofolder" / f"r.{kind}")
     parquet = pytest.importorskip("pyarrow.parquet")
     assert parquet.read_table(export(rows, tmp_path / "r.parquet")).column("seed").to_pylist() == [one.seed for one in rows]
 

@@ -16,6 +16,7 @@ from typing import Any
 
 from antway.errors import BadParameter, BadResults
 from antway.world.tracefile import MAX_BYTES
+from antway.writing import writing
 
 EXPORTS = ("csv", "json", "parquet")
 APPLICATION = 0x616E7477  # "antw"; application id that SQLite stores in the file
@@ -235,27 +236,26 @@ def export(rows: list[Row], path: str | Path) -> Path:
     Raises
     ------
     BadParameter
-        For another suffix, or Parquet without pyarrow.
+        For another suffix, Parquet without pyarrow, or a file that cannot be written.
     """
-    path = Path(path)
-    if path.suffix == ".csv":
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(COLUMNS)
-            writer.writerows(astuple(row) for row in rows)
-    elif path.suffix == ".json":
-        plain = [{name: _plain(value) for name, value in asdict(row).items()} for row in rows]
-        path.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    elif path.suffix == ".parquet":
-        try:
-            import pyarrow
-            from pyarrow import parquet
-        except ImportError:
-            raise BadParameter("export", str(path), "a .csv or .json file, or install pyarrow") from None
-        parquet.write_table(pyarrow.table({name: [getattr(row, name) for row in rows] for name in COLUMNS}), path)
-    else:
-        raise BadParameter("export", str(path), "a .csv, .json or .parquet file")
-    return path
+    with writing("export", path, [f".{kind}" for kind in EXPORTS]) as target:
+        kind = target.suffix.lower()
+        if kind == ".csv":
+            with target.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file)
+                writer.writerow(COLUMNS)
+                writer.writerows(astuple(row) for row in rows)
+        elif kind == ".json":
+            plain = [{name: _plain(value) for name, value in asdict(row).items()} for row in rows]
+            target.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        else:
+            try:
+                import pyarrow
+                from pyarrow import parquet
+            except ImportError:
+                raise BadParameter("export", str(path), "a .csv or .json file, or install pyarrow") from None
+            parquet.write_table(pyarrow.table({name: [getattr(row, name) for row in rows] for name in COLUMNS}), target)
+    return target
 
 
 def _plain(value: Any) -> Any:
