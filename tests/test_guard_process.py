@@ -287,7 +287,8 @@ def test_a_guard_is_closed_twice() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"deadline": 0.0}, {"deadline": 2.0}, {"slack": -1.0}, {"emit": 3}, {"emit": lambda: None}, {"mode": "x"}, {"task": None}]
+    "wrong",
+    [{"deadline": 0.0}, {"deadline": 2.0}, {"slack": -1.0}, {"emit": 3}, {"emit": lambda: None}, {"mode": "x"}, {"task": None}],
 )
 def test_wrong_settings_raise(wrong: dict) -> None:
     """They are refused before a process starts, or end it."""

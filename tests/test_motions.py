@@ -243,8 +243,8 @@ def test_too_many_knots_are_refused() -> None:
 
 def test_a_line_that_rounding_alone_makes_stands() -> None:
     """Between ends of which one was computed, after a delay, there is no time to drive."""
-    line = trajectory(Line((3.1 + 0.2, 2.0), (3.3, 2.0), 0.5, delay=2.0))
-    assert line.knot_t.tolist() == [0.0] and line.knot_xy.tolist() == [[3.1 + 0.2, 2.0]]
+    line = trajectory(Line((0.1 + 0.2, 2.0), (0.3, 2.0), 0.5, delay=2.0))
+    assert line.knot_t.tolist() == [0.0] and line.knot_xy.tolist() == [[0.1 + 0.2, 2.0]]
 
 
 def test_a_phase_that_ends_at_a_corner_but_for_rounding_starts_there() -> None:
