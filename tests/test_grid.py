@@ -207,4 +207,6 @@ def test_what_is_no_list_of_pairs_is_refused(points: np.ndarray) -> None:
     if points.size:
         with pytest.raises(BadParameter, match="pairs"):
             grid.to_xy(points)
+    with pytest.raises(BadParameter, match="pairs"):
+        grid.centre(("a", 1))
     assert grid.to_xy([]).shape == (0, 2) and grid.to_xy((1.0, 2.0)).shape == (1, 2)

@@ -87,6 +87,13 @@ def test_a_random_walk_turns_at_its_times_in_every_direction() -> None:
     assert len(np.unique(turned > 0.0, axis=0)) == 4 and np.ptp(np.arctan2(*turned.T)) > 5.0
 
 
+def test_a_long_random_walk_begins_as_a_short_one() -> None:
+    """It is drawn again from its start where the memory for its knots was too small."""
+    short, long = (trajectory(RandomWalk((5.0, 5.0), 0.5, turn_every=0.1), seed=2, horizon=end) for end in (10.0, 60.0))
+    assert len(short.knot_t) < 256 < len(long.knot_t)
+    assert long.knot_xy[: len(short.knot_t) - 1].tolist() == short.knot_xy[:-1].tolist()
+
+
 def test_a_disc_that_is_wedged_waits_for_its_next_turn() -> None:
     """Pushed between the corners of two cells it would be reflected for ever; in another direction it may leave."""
     blocked = np.zeros((20, 21), np.bool_)
@@ -255,3 +262,14 @@ def test_a_phase_that_ends_at_a_corner_but_for_rounding_starts_there() -> None:
         for k, speed in itertools.product(range(corners + 1), np.linspace(0.3, 1.5, 40).tolist()):
             t, xy = Waypoints(points, speed, phase=k / corners).trajectory(Draw(0, 0), 20.0, ROOM, 0.3)
             np.testing.assert_allclose(np.hypot(*np.diff(xy, axis=0).T) / np.diff(t), speed, rtol=1e-6)
+
+
+def test_what_is_not_given_is_as_the_guide_says() -> None:
+    """Files of scenarios leave these out."""
+    at = (1.0, 1.0)
+    assert Line(at, at, 1.0) == Line(at, at, 1.0, delay=0.0) and BackAndForth(at, at, 1.0) == BackAndForth(at, at, 1.0, phase=0.0)
+    assert Waypoints((at,), 1.0) == Waypoints((at,), 1.0, loop=True, pause=0.0, phase=0.0)
+    assert Bounce(at, 1.0) == Bounce(at, 1.0, heading=(-math.pi, math.pi))
+    assert RandomWalk(at, 1.0) == RandomWalk(at, 1.0, turn_every=3.0, heading=(-math.pi, math.pi))
+    assert Replay((0.0,), (at,)) == Replay((0.0,), (at,), record_start=0.0)
+    assert Pursue(at, 1.0) == Pursue(at, 1.0, gap=0.3, delay=0.0, follow_time=20.0)

@@ -168,6 +168,8 @@ def test_a_name_that_no_file_can_have_is_refused(write, tmp_path):
     """SQLite would take the part before a NUL for the name."""
     with pytest.raises(BadResults):
         Results(f"{tmp_path}/a\0.db", write=write)
+    with pytest.raises(BadResults):
+        Results(3, write=write)
     assert not list(tmp_path.iterdir())
 
 

@@ -172,7 +172,7 @@ class Grid:
 
     def centre(self, cell: Cell) -> tuple[float, float]:
         """Return the (x, y) in m of the centre of `cell`."""
-        x, y = self.to_xy(np.array([cell], dtype=np.float64))[0]
+        x, y = self.to_xy([cell])[0]
         return float(x), float(y)
 
     def to_xy(self, points: ArrayLike) -> NDArray[np.float64]:

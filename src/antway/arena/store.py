@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass, fields
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -96,9 +97,10 @@ class Results:
     """
 
     def __init__(self, path: str | Path, *, write: bool = True) -> None:
-        self.path, self.write = Path(path), write
-        if "\0" in str(path) or (not write and not self.path.is_file()):
+        named = isinstance(path, (str, PathLike)) and "\0" not in str(path)
+        if not named or (not write and not Path(path).is_file()):
             raise BadResults("results", str(path), "the name of a file" if write else "an existing file")
+        self.path, self.write = Path(path), write
         with self._refusals():
             mode = "rwc" if write else "ro"
             if not write and not Path(f"{self.path}-wal").exists():  # nobody writes, so that SQLite need not lock or make files
