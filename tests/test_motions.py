@@ -267,9 +267,10 @@ def test_a_phase_that_ends_at_a_corner_but_for_rounding_starts_there() -> None:
 def test_what_is_not_given_is_as_the_guide_says() -> None:
     """Files of scenarios leave these out."""
     at = (1.0, 1.0)
-    assert Line(at, at, 1.0) == Line(at, at, 1.0, delay=0.0) and BackAndForth(at, at, 1.0) == BackAndForth(at, at, 1.0, phase=0.0)
+    assert Line(at, at, 1.0) == Line(at, at, 1.0, delay=0.0)
+    assert BackAndForth(at, at, 1.0) == BackAndForth(at, at, 1.0, phase=0.0)
     assert Waypoints((at,), 1.0) == Waypoints((at,), 1.0, loop=True, pause=0.0, phase=0.0)
     assert Bounce(at, 1.0) == Bounce(at, 1.0, heading=(-math.pi, math.pi))
     assert RandomWalk(at, 1.0) == RandomWalk(at, 1.0, turn_every=3.0, heading=(-math.pi, math.pi))
-    assert Replay((0.0,), (at,)) == Replay((0.0,), (at,), record_start=0.0)
+    assert Replay((0.0, 1.0), (at, at)) == Replay((0.0, 1.0), (at, at), record_start=0.0)
     assert Pursue(at, 1.0) == Pursue(at, 1.0, gap=0.3, delay=0.0, follow_time=20.0)
