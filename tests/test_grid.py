@@ -210,3 +210,11 @@ def test_what_is_no_list_of_pairs_is_refused(points: np.ndarray) -> None:
     with pytest.raises(BadParameter, match="pairs"):
         grid.centre(("a", 1))
     assert grid.to_xy([]).shape == (0, 2) and grid.to_xy((1.0, 2.0)).shape == (1, 2)
+
+
+def test_cells_are_booleans_or_0_and_1() -> None:
+    """Other integers, and floats, are no cells."""
+    assert Grid([[0, 1]]) == Grid([[False, True]])
+    for wrong in ([[0, 2]], [[0, 1], [-1, 0]], [[0.0, 1.0]], [["0", "1"]]):
+        with pytest.raises(BadParameter, match=r"blocked\.dtype"):
+            Grid(wrong)

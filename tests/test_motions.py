@@ -254,6 +254,12 @@ def test_a_line_that_rounding_alone_makes_stands() -> None:
     assert line.knot_t.tolist() == [0.0] and line.knot_xy.tolist() == [[0.1 + 0.2, 2.0]]
 
 
+def test_who_walks_at_no_speed_stands() -> None:
+    """A speed of 0, which may be drawn, is not divided by."""
+    for motion in (Waypoints(((1.0, 2.0), (3.0, 4.0)), 0.0), BackAndForth((1.0, 2.0), (3.0, 4.0), (0.0, 0.0), phase=0.5)):
+        assert trajectory(motion).at(7.0)[0].tolist() == [[1.0, 2.0]]
+
+
 def test_a_phase_that_ends_at_a_corner_but_for_rounding_starts_there() -> None:
     """No step of 1e-16 s comes first, whose velocity is noise."""
     for corners in range(2, 8):
