@@ -218,3 +218,28 @@ def test_cells_are_booleans_or_0_and_1() -> None:
     for wrong in ([[0, 2]], [[0, 1], [-1, 0]], [[0.0, 1.0]], [["0", "1"]]):
         with pytest.raises(BadParameter, match=r"blocked\.dtype"):
             Grid(wrong)
+
+
+def test_a_turned_cell_is_blocked_by_what_it_overlaps_and_by_nothing_else() -> None:
+    """Squares overlap if their shadows do on the axes of both maps; what is off the map is unknown."""
+    rng = np.random.default_rng(6)
+    for _ in range(cases(20, 500)):
+        rows, cols = rng.integers(1, 6, 2).tolist()
+        blocked, hidden = rng.random((2, rows, cols)) < 0.3
+        yaw = float(rng.uniform(-4.0, 4.0))
+        grid = Grid(blocked, 0.5, (*rng.uniform(-3.0, 3.0, 2).tolist(), yaw), hidden)
+        turned = grid.turned()
+        around = np.indices((rows + 6, cols + 6)).reshape(2, -1).T - 3
+        corners = np.array([(-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)])
+        old, new = (
+            of.to_xy((cells[:, None] + corners).reshape(-1, 2)).reshape(-1, 4, 2)
+            for of, cells in ((grid, around), (turned, np.argwhere(np.ones(turned.shape))))
+        )
+        overlap = np.ones((len(new), len(old)), np.bool_)
+        for angle in (0.0, math.pi / 2, yaw, yaw + math.pi / 2):
+            a, b = (squares @ (math.cos(angle), math.sin(angle)) for squares in (new, old))
+            overlap &= np.minimum(a.max(1)[:, None], b.max(1)) - np.maximum(a.min(1)[:, None], b.min(1)) > 1e-7
+        walls, dark = np.pad(blocked & ~hidden, 3), np.pad(blocked & hidden, 3, constant_values=True)
+        wall, unknown = ((overlap & part.ravel()).any(axis=1).reshape(turned.shape) for part in (walls, dark))
+        assert np.array_equal(turned.blocked, wall | unknown)
+        assert np.array_equal(np.zeros_like(wall) if turned.unknown is None else turned.unknown, unknown & ~wall)
