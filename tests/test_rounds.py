@@ -20,7 +20,7 @@ from antway.scenes import scene
 from antway.verify_episode import rounds_faults
 from antway.world.episode import Episode
 from antway.world.motions import Line, Replay
-from antway.world.order_planner import MANY, nearest_cell
+from antway.world.order_planner import FEW, MANY, nearest_cell
 from antway.world.policy import Observation, Task, Tracks, make_policy
 from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import save_scenario
@@ -554,3 +554,12 @@ def test_an_episode_with_stops_may_end_before_it_begins() -> None:
     result = run(hall(stops=FOUR[:2]), policy)
     assert result.outcome is Outcome.ERROR and "sees nothing" in result.reason
     assert result.rounds.missed == (0, 1) and not len(result.order_ms)
+
+
+def test_up_to_thirteen_stops_need_no_colony() -> None:
+    """A dynamic program finds their order; of one more the colony does."""
+    for count in (FEW, FEW + 1):
+        stops = scattered(count, seed=4)
+        policy = RoundsPolicy(make_policy("follow"), stops)
+        policy.reset(hall(stops=stops).task, 0)
+        assert sorted(policy.order) == list(range(count)) and (policy.planner.answer is None) == (count <= 13)
