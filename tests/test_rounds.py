@@ -20,7 +20,7 @@ from antway.scenes import scene
 from antway.verify_episode import rounds_faults
 from antway.world.episode import Episode
 from antway.world.motions import Line, Replay
-from antway.world.order_planner import FEW, MANY, nearest_cell
+from antway.world.order_planner import FEW, MANY, OrderOutlook, nearest_cell
 from antway.world.policy import Observation, Task, Tracks, make_policy
 from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import save_scenario
@@ -563,3 +563,26 @@ def test_up_to_thirteen_stops_need_no_colony() -> None:
         policy = RoundsPolicy(make_policy("follow"), stops)
         policy.reset(hall(stops=stops).task, 0)
         assert sorted(policy.order) == list(range(count)) and (policy.planner.answer is None) == (count <= 13)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "better", "worse"),
+    [
+        ((0.0, 90.0), (0.1, 50.0), True, True),  # it avoids all lateness, and ends later than promised
+        ((0.1, 50.0), (0.0, 50.0), False, True),  # late for the first time
+        ((0.1, 50.0), (0.6, 50.0), False, False),
+        ((0.1, 50.0), (0.7, 50.0), True, False),
+        ((0.7, 50.0), (0.1, 50.0), False, True),
+        ((0.6, 50.0), (0.1, 50.0), False, False),
+        ((0.0, 47.0), (0.0, 50.0), False, False),
+        ((0.0, 46.9), (0.0, 50.0), True, False),
+        ((0.2, 46.9), (0.1, 50.0), False, False),  # an earlier end makes up for no lateness
+        ((0.1, 46.9), (0.1, 50.0), True, False),
+        ((0.0, 53.0), (0.0, 50.0), False, False),
+        ((0.0, 53.1), (0.0, 50.0), False, True),
+    ],
+)
+def test_orders_are_compared_by_lateness_and_then_by_their_ends(one: tuple, other: tuple, better: bool, worse: bool) -> None:
+    """Less than 0.5 s of lateness, and 3 s of the end, are no reason to change an order."""
+    assert OrderOutlook(*one).clearly_better_than(OrderOutlook(*other)) is better
+    assert OrderOutlook(*one).clearly_worse_than(OrderOutlook(*other)) is worse
