@@ -257,3 +257,15 @@ def test_numbers_below_zero_and_names_of_odd_letters(tmp_path):
             results.add(row(1, policy="\udce9"), None)
     with Results(tmp_path / "r.db", write=False) as results:
         assert [one.clearance for one in results.rows()] == [0.0]
+
+
+def test_rows_are_read_while_others_are_written(tmp_path):
+    """A new file has a log of its own for what is written, so that whoever reads it waits for nobody."""
+    with Results(tmp_path / "r.db") as results:
+        results.add(row(0))
+        results.db.execute("BEGIN IMMEDIATE")
+        results.add(row(1))
+        with Results(tmp_path / "r.db", write=False) as reader:
+            assert [one.key for one in reader.rows()] == [row(0).key]
+        results.db.execute("COMMIT")
+        assert results.db.execute("PRAGMA journal_mode").fetchone()[0] == "wal"
