@@ -12,6 +12,7 @@ from antway.arena.encounters import KINDS
 from antway.arena.suites import build, episodes, stage
 from antway.baselines.replan import Follow
 from antway.world.motions import Line, Pursue
+from antway.world.pursuit import _slide
 from antway.world.scenario import save_scenario
 from antway.world.world import Obstacle
 from common import cases
@@ -81,6 +82,15 @@ def test_the_same_episode_is_the_same_and_another_robot_sees_another():
     first, again, other = (chase(Obstacle(0.3, Pursue((8.0, 6.0), (0.3, 0.9))), kind=kind, seed=7) for kind in (1, 1, 2))
     assert first.trace.timeline.knot_xy.tobytes() == again.trace.timeline.knot_xy.tobytes()
     assert not np.array_equal(first.trace.timeline.knot_xy, other.trace.timeline.knot_xy)
+
+
+def test_walls_are_where_the_origin_of_the_map_says():
+    """A step along a wall ends at the same place of the map, wherever that lies."""
+    walls = np.zeros((20, 20), np.bool_)
+    walls[12] = True
+    for x, y in ((0.0, 0.0), (3.0, -7.0), (-5.0, 11.0)):
+        end = _slide(Grid(walls, 0.2, (x, y, 0.0)), 0.3, (x + 1.0, y + 2.0), (x + 2.0, y + 3.0), 0.5)
+        assert np.array(end) == pytest.approx((x + 1.5, y + 2.1))
 
 
 def test_it_is_written_and_read(tmp_path):
