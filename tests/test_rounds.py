@@ -586,3 +586,9 @@ def test_orders_are_compared_by_lateness_and_then_by_their_ends(one: tuple, othe
     """Less than 0.5 s of lateness, and 3 s of the end, are no reason to change an order."""
     assert OrderOutlook(*one).clearly_better_than(OrderOutlook(*other)) is better
     assert OrderOutlook(*one).clearly_worse_than(OrderOutlook(*other)) is worse
+
+
+def test_a_stop_without_service_takes_no_time() -> None:
+    """The robot departs in the control period in which it arrives."""
+    (visit,) = run(hall(stops=(FOUR[2],)), "follow").rounds.visits
+    assert visit.arrival == visit.start == visit.end > 0.0
