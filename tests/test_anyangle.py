@@ -47,7 +47,7 @@ def test_optimal_on_random_grids() -> None:
 
 def test_all_small_grids() -> None:
     """On every grid of 3 x 3 cells, and nightly of 3 x 4, every pair of cells gets the visibility graph's optimum."""
-    cols = 3 if costly(1, 2) == 1 else 4
+    cols = 3 if cases(1, 2) == 1 else 4
     for bits in range(2 ** (3 * cols)):
         grid = Grid(np.array([bits >> k & 1 for k in range(3 * cols)], dtype=bool).reshape(3, cols))
         cells = [(int(r), int(c)) for r, c in free_cells(grid)]

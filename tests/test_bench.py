@@ -31,7 +31,7 @@ from antway.errors import BadParameter, BadResults
 from antway.processes import uninterrupted
 from antway.world.options import take_options
 from antway.world.policy import Command, make_policy
-from common import SCALE, cases, costly
+from common import SCALE, cases
 
 POLICIES = ["follow", "sipp/predictions=mirrored"]
 
@@ -132,7 +132,7 @@ def command(out, *more):
 
 def test_kill_and_resume(tmp_path, monkeypatch):
     """C34: killed at random moments and begun again until done, a run has the rows of one left alone; little is redone."""
-    whole, broken, kills = tmp_path / "whole", tmp_path / "broken", costly(2, 50)
+    whole, broken, kills = tmp_path / "whole", tmp_path / "broken", cases(2, 50)
     counted = ("--policies", "test_bench:Counts", "--episodes", str(1 + kills // 6))
     monkeypatch.setenv("EPISODES_BEGUN", str(tmp_path / "whole.txt"))
     subprocess.run(command(whole, *counted), check=True, capture_output=True)
@@ -166,7 +166,7 @@ def count(folder):
 
 def test_two_runs_on_one_file(tmp_path):
     """C36: two runs on one file at once do each other no harm; every episode is there once."""
-    for k in range(costly(1, 20)):
+    for k in range(cases(1, 20)):
         out = tmp_path / str(k)
         runs = [subprocess.Popen(command(out), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) for _ in range(2)]
         for one in runs:

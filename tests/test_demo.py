@@ -15,7 +15,7 @@ from antway import BadParameter, BadScenario, Grid, RobotSpec, Scenario, World, 
 from antway.demo import FLOW_CHARTS, figure_names, run_demo, static_shortest, summary, write_episode
 from antway.scenes import SCENES
 from antway.world.trace import Trace
-from common import costly
+from common import cases
 
 PICTURES = (*figure_names("paper"), *figure_names("antway"))
 FILES = (*PICTURES, "demo.gif", "replay.html", "trace.json", "summary.json")
@@ -81,7 +81,7 @@ def test_two_runs_of_a_seed_write_the_same_bytes(tmp_path: Path) -> None:
     """C49: of the files of an episode, at night of a demo, with figures, animations and pages, only timings differ."""
     one, two = tmp_path / "one", tmp_path / "two"
     for folder in (one, two):
-        if costly(1, 2) > 1:
+        if cases(1, 2) > 1:
             list(run_demo(folder))
         else:
             write_episode(run(load_scenario("warehouse"), "paper", seed=3), folder)

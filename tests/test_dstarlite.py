@@ -17,7 +17,7 @@ from antway.search import dstarlite as module
 from antway.search.distance_field import dijkstra
 from antway.search.dstarlite import DStarLite, dstarlite
 from antway.verify import check_plan
-from common import cases, costly, free_cells, random_grid
+from common import cases, free_cells, random_grid
 from naive.dstarlite import grid_distance
 
 MOVES = (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT)
@@ -36,7 +36,7 @@ def some_problem(rng: np.random.Generator, high: int, moves: Moves) -> Problem:
 def test_exact_after_every_change(moves: Moves) -> None:
     """Through random changes and moves every plan is legal on the new grid and as short as a fresh search's."""
     rng = np.random.default_rng(2002)
-    for _ in range(costly(75, 2500)):
+    for _ in range(cases(75, 2500)):
         problem = some_problem(rng, 16, moves)
         robot, blocked, start = DStarLite(problem), problem.grid.blocked.copy(), problem.start
         for _ in range(8):

@@ -21,7 +21,7 @@ from antway.world.motions import BackAndForth, Bounce, Line, RandomWalk, Replay,
 from antway.world.policy import Command, Decision, make_policy
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
-from common import SCALE, cases, costly
+from common import SCALE, cases
 
 ROOM = Grid(np.zeros((40, 60), dtype=bool), 0.25)
 
@@ -206,7 +206,7 @@ def test_random_episodes_pass_the_verifier_and_replay() -> None:
 def test_the_verifier_kills_broken_episodes() -> None:
     """Every way of breaking a legal episode is refused (C8)."""
     disc = Obstacle(0.3, BackAndForth((8.0, 1.0), (8.0, 9.0), (0.3, 0.8), (0.0, 1.0)))
-    for seed in range(costly(20, 500)):
+    for seed in range(cases(20, 500)):
         result = run(crossing(disc), Steer(east), seed=seed, horizon=10.0)
         check_episode(result)
         for broken in broken_episodes(result):

@@ -101,7 +101,7 @@ def test_faults_stop_the_robot_or_do_no_harm(fault: str, policy: str) -> None:
 
     Places that are farther off than the sensor says are outside what the guard promises: there the robot may be met moving.
     """
-    for seed in range(costly(3, 50)):
+    for seed in range(cases(3, 50)):
         scenario = hall(seed)
         horizon = 6.0 if fault in STOPS else 30.0
         result = run(scenario, Faulty(policy, fault, seed), seed=seed, horizon=horizon)

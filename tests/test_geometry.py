@@ -11,14 +11,14 @@ from antway import Grid
 from antway.kernels.base import geometry
 from antway.kernels.base.records import Trajectories
 from antway.world.terrain import terrain_of
-from common import cases, costly
+from common import cases
 from naive.geometry import hits_cells, sampled_discs, sampled_square, sampled_timeline
 
 
 def test_swept_discs_against_samples():
     """The closed form misses no contact that 10,000 samples see and alarms only within 1e-9 of what they can resolve (C23)."""
     rng = np.random.default_rng(1)
-    for _ in range(costly(10_000, 1_000_000)):
+    for _ in range(cases(10_000, 1_000_000)):
         dt = rng.choice([0.05, 0.1, 1.0, 10.0])
         p = rng.normal(size=2) * 3
         v = rng.normal(size=2) * rng.choice([0.0, 1e-6, 0.1, 1.0, 30.0])

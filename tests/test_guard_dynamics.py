@@ -200,14 +200,14 @@ def total(seeds: range, drive: str, polygon: bool, surge: float, **options: Any)
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
 def test_a_robot_with_inertia_never_moves_into_a_contact(drive: str, surge: float) -> None:
     """C24, C45: whatever is commanded and however obstacles move within their bounds, 0 contacts in motion and 0 with walls."""
-    n = total(range(costly(50, 5000)), drive, False, surge)
+    n = total(range(cases(50, 5000)), drive, False, surge)
     assert n["moving"] > 20 and n["braked"] > 20 and n["slowed"] > 0 and n["free"] > 10, n
 
 
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
 def test_a_robot_with_a_footprint_never_moves_into_a_contact(drive: str) -> None:
     """C24, C45: and so for polygons, whose corners sweep out when they turn."""
-    n = total(range(costly(30, 1700)), drive, True, 0.5)
+    n = total(range(cases(30, 1700)), drive, True, 0.5)
     assert n["moving"] > 10 and n["braked"] > 10 and n["free"] > 5, n
 
 
@@ -242,7 +242,7 @@ def test_policy_antway_on_wheels_never_moves_into_a_contact(drive: str, mode: st
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
 def test_a_robot_whose_rates_are_infinite_never_moves_into_a_contact(drive: str, polygon: bool) -> None:
     """C24, C45: and so where speeds change at once, or where they only fall in time, at the very end of a cycle too."""
-    n = total(range(50_000, 50_000 + costly(66, 1500)), drive, polygon, math.inf, at_once=True)
+    n = total(range(50_000, 50_000 + cases(66, 1500)), drive, polygon, math.inf, at_once=True)
     assert n["moving"] > 20 and n["braked"] > 20, n
 
 

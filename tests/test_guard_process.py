@@ -23,7 +23,7 @@ from antway.policies import guard_process
 from antway.policies.guard import Guard
 from antway.policies.guard_memory import MAX_TRACKS, SIDES, SIZE, Link
 from antway.policies.guard_process import GuardProcess
-from common import costly
+from common import cases
 from guard_drives import PERIOD, drives
 
 TASK = Task(Grid(np.zeros((40, 40), bool), 0.25), RobotSpec(dt=PERIOD), (5.0, 5.0), (9.0, 5.0))
@@ -40,7 +40,7 @@ def test_a_planner_that_is_killed_or_stopped_yields_braking_within_one_period() 
 
     A busy machine may once keep the guard's process from its answer: then the robot's own side brakes.
     """
-    count, ends = costly(3, 200), []
+    count, ends = cases(3, 200), []
     for drive in drives(count, seed=1):
         ends.append(drive.how)
         reached = drive.outcome is Outcome.REACHED and not drive.after

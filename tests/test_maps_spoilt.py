@@ -18,7 +18,7 @@ import pytest
 
 from antway.errors import BadInput, BadMap, TooLarge
 from antway.maps import Limits, load_costs, load_map, load_scen
-from common import costly
+from common import cases
 from mapfiles import YAML, npy, png, seeds, spoil
 
 REGRESSIONS = sorted((Path(__file__).parent / "regressions").glob("map-*"))
@@ -71,7 +71,7 @@ def bounded(code: str, *, base: str = "import antway.maps.image, PIL.PngImagePlu
 
 def test_spoilt_files_are_refused_or_read(tmp_path: Path) -> None:
     """C14: thousands of spoilt files each give a map or a `BadInput` within 2 s, and memory stays within 256 MiB."""
-    code = f"assert test_maps_spoilt.spoilt_run(Path({str(tmp_path)!r}), {costly(5000, 500000)}, 1) < 2.0"
+    code = f"assert test_maps_spoilt.spoilt_run(Path({str(tmp_path)!r}), {cases(5000, 500000)}, 1) < 2.0"
     assert bounded(code) < 256
 
 

@@ -19,7 +19,7 @@ from antway.kernels.robot.motion import delayed, drive_cycle, drive_roughly
 from antway.kernels.robot.sweep import Body, meets_wall, pose, rolling
 from antway.world.terrain import terrain_of, walls_of
 from antway.world.timeline import Timeline
-from common import cases, costly
+from common import cases
 from naive import motion as twin
 
 DRIVES = (HOLONOMIC, DIFFERENTIAL, ACKERMANN)
@@ -189,7 +189,7 @@ def test_contact_is_where_samples_find_it(drive: int, shape: str) -> None:
     """C44: no sampled contact is missed, a contact told is one, what is told first comes first, and so for the clearance."""
     rng = np.random.default_rng([drive, len(SHAPES[shape])])
     told = dict.fromkeys((GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED), 0)
-    for _ in range(costly(30, 3000)):
+    for _ in range(cases(30, 3000)):
         limits, corners, rounding, radius, grid, state, discs, record, aim, count = some_play(
             rng, drive, shape, float(rng.choice([0.0, 0.06, 0.1]))
         )

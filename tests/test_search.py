@@ -31,7 +31,7 @@ from antway.search.derived import NEIGHBOURS
 from antway.search.distance_field import dijkstra, spread_plan
 from antway.search.jps import jps, jumps_pay
 from antway.search.subgoals import hierarchy_of, subgoals
-from common import SHARED, cases, costly, free_cells, needs_data, pick, solvable
+from common import SHARED, cases, free_cells, needs_data, pick, solvable
 from naive import search as naive
 
 EXACT = {"dijkstra": dijkstra, "astar": astar, "jps": jps, "subgoals": subgoals}
@@ -67,7 +67,7 @@ def same(length: float, expected: float) -> bool:
 def test_random_grids_against_scipy(moves: Moves) -> None:
     """C1: on random grids every planner and the distance field equal SciPy's Dijkstra to 1e-9, under each corner rule."""
     rng = np.random.default_rng(1)
-    for _ in range(costly(2000, 200_000)):
+    for _ in range(cases(2000, 200_000)):
         grid = solvable(rng)
         start, goal = pick(rng, grid, 2)
         expected = scipy_field(grid, goal, moves)
@@ -85,7 +85,7 @@ def test_random_grids_against_scipy(moves: Moves) -> None:
 def test_random_grids_against_the_naive_twin(moves: Moves) -> None:
     """C7: under all moves the planners and fields, with and without costs, equal plain Dijkstra; every plan is legal."""
     rng = np.random.default_rng(2)
-    for _ in range(costly(60, 1000)):
+    for _ in range(cases(60, 1000)):
         grid = solvable(rng, low=2, high=12)
         start, goal, other = pick(rng, grid, 3)
         costs = rng.uniform(0.5, 5.0, grid.shape)
@@ -138,7 +138,7 @@ def test_every_movingai_row(path) -> None:
     grid = load_map(path)
     for i, row in enumerate(load_scen(f"{path}.scen")):
         problem = Problem(grid, row.start, row.goal)
-        for planner in EXACT.values() if i % 4 == 0 or costly(1, 2) > 1 else [jps, subgoals]:
+        for planner in EXACT.values() if i % 4 == 0 or cases(1, 2) > 1 else [jps, subgoals]:
             plan = planner(problem)
             assert plan.optimal
             assert abs(plan.length - row.length) <= 0.006

@@ -14,7 +14,7 @@ from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.kernels.spacetime.segments import unsafe_departures
 from antway.search.sipp import TIMED_MOVES, Sipp, sipp, timed_field, timed_moves
 from antway.world.timeline import Timeline
-from common import cases, costly, random_grid
+from common import cases, random_grid
 from naive import sipp as naive
 from naive.geometry import hits_cells
 
@@ -150,7 +150,7 @@ def check(grid, plan, timeline, radius, speed, start, goal, horizon=math.inf):
 def test_sipp_against_naive(moves, size, worlds):
     """The arrival is that of a naive SIPP with bisected intervals, and no sample of the path is in contact (C5)."""
     rng = np.random.default_rng(4)
-    for _ in range(costly(worlds, 1250)):
+    for _ in range(cases(worlds, 1250)):
         grid, timeline = random_world(rng, 2, size, 8)
         radius, speed = rng.uniform(0.1, 0.5) * grid.resolution, rng.choice([0.5, 1.0, 1.7])
         t, horizon = rng.choice([0.0, 1.3]), rng.choice([np.inf, 5.0])

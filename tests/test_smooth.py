@@ -35,7 +35,7 @@ from antway.trajectory.profile import stop_at_corners, straight_legs, without_re
 from antway.world.line_of_sight import passes
 from antway.world.robots import load_robot
 from antway.world.rollouts import finite_limits
-from common import cases, costly, random_grid
+from common import cases, random_grid
 from naive import smooth as naive
 
 DIFF = load_robot("diff")
@@ -146,7 +146,7 @@ def test_plans_are_bent_and_stay_drivable(name: str) -> None:
     """Plans on random maps become motions within all limits, clear of walls, and no later than with stops at corners (C29)."""
     robot, rng = ROBOTS[name], np.random.default_rng(3)
     found = asked = 0
-    for case in range(costly(4, 400)):
+    for case in range(cases(4, 400)):
         grid, start, goal = places(rng, robot)
         path = solve(Problem(grid.inflate(robot.radius), start, goal), "jps")
         answer = smooth(path, robot, grid=grid, trials=100)

@@ -19,7 +19,7 @@ from antway.arena.store import COLUMNS, Results, Row, export
 from antway.arena.summary import summarise
 from antway.errors import BadParameter, BadResults
 from antway.world.tracefile import MAX_BYTES
-from common import cases, costly
+from common import cases
 
 
 def row(k, policy="antway", **more):
@@ -199,7 +199,7 @@ def test_two_writers_and_one_killed_in_a_transaction(tmp_path):
     killed = "import os, signal, sqlite3, sys; db = sqlite3.connect(sys.argv[1], timeout=60, isolation_level=None)\n" + (
         "db.execute('BEGIN IMMEDIATE'); db.execute('UPDATE episodes SET time = 0'); os.kill(os.getpid(), signal.SIGKILL)"
     )
-    for k in range(costly(1, 20)):
+    for k in range(cases(1, 20)):
         path = tmp_path / f"{k}.db"
         Results(path).close()
         run = [subprocess.Popen([sys.executable, "-c", script, str(path)]) for _ in range(2)]
