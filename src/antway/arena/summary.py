@@ -198,9 +198,9 @@ def markdown(rows: Sequence[Row]) -> str:
 def _lines(rows: Sequence[dict[str, str]], left: int) -> list[str]:
     """Return a table in Markdown, whose first `left` columns are aligned left."""
     ruler = ["---"] * left + ["--:"] * (len(rows[0]) - left)
-    lines = (rows[0], *(row.values() for row in rows))
-    head, *body = (" | ".join(cell.replace("|", "\\|") for cell in cells) for cells in lines)
-    return [f"| {line} |" for line in (head, " | ".join(ruler), *body)]
+    lines = (rows[0], ruler, *(row.values() for row in rows))
+    texts = (" | ".join(cell.replace("|", "\\|") for cell in cells) for cells in lines)
+    return [f"| {text} |" for text in texts]
 
 
 def _span(ends: metrics.Interval) -> str:
