@@ -83,6 +83,8 @@ def test_points_arrays_choices_instances() -> None:
     ):
         with pytest.raises(errors.BadParameter):
             checks.array("a", wrong, shape)
+    with pytest.raises(errors.BadParameter, match=r"must be \(earliest, latest\) in s$"):
+        checks.window("window", None)
     assert checks.choice("c", "b", "ab") == "b"
     assert checks.instance("i", 3, int) == 3
     for check, arguments in (

@@ -130,9 +130,9 @@ def point(field: str, value: object, *, size: int = 2, where: str = "") -> tuple
     return tuple(number(f"{field}[{i}]", part, where=where) for i, part in enumerate(parts))
 
 
-def window(field: str, value: object) -> tuple[float, float]:
+def window(field: str, value: object, allowed: str = "(earliest, latest) in s") -> tuple[float, float]:
     """Return `value` as the earliest, >= 0, and the latest time of a service, s; the latest may be infinite."""
-    parts = sequence(field, value, "(earliest, latest) in s, or None", size=2)
+    parts = sequence(field, value, allowed, size=2)
     early, late = (number(field, part, infinite=True, unit="s") for part in parts)
     if early > late or late < 0.0 or early > 1e9:
         allowed = "an earliest time of at most 1e9 s and a latest no earlier, >= 0"

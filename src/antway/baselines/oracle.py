@@ -36,28 +36,31 @@ class Oracle:
     Source: Phillips, Likhachev: SIPP: Safe Interval Path Planning for Dynamic Environments, ICRA 2011.
     """
 
+    timeline: Timeline | None = None
+
     def foresee(self, timeline: Timeline) -> None:
         """Learn where every obstacle will be."""
         self.timeline = timeline
 
     def reset(self, task: Task, seed: int) -> None:
         """Plan the whole path, from 0 s on; `foresee` comes before."""
-        if not hasattr(self, "timeline"):
+        if self.timeline is None:
             raise BadParameter("policy", "oracle", "another where the future is not known: `foresee` has not been called")
         self.task, self.is_first = task, True
         self._plan(0.0)
 
     def _plan(self, t: float) -> None:
         """Plan the whole path from `t` s on."""
-        task, robot = self.task, self.task.robot
+        assert self.timeline is not None
+        task, robot, known = self.task, self.task.robot, self.timeline
         self.path = TimedPath(np.empty(0), np.empty((0, 2)))
         self.decision = Decision("stuck", "no path reaches the goal among the known motions")
-        horizon = float(self.timeline.knot_t.max(initial=t)) + LATER
+        horizon = float(known.knot_t.max(initial=t)) + LATER
         searches = searches_for(task)
         for share in MARGINS:
-            wide = self.timeline.radius + share * robot.v_max * robot.dt / 2
-            for path in paths_to_goal(task, searches, replace(self.timeline, radius=wide), t, horizon):
-                if len(path.t) and self._touches_nothing(path, t):
+            wide = known.radius + share * robot.v_max * robot.dt / 2
+            for path in paths_to_goal(task, searches, replace(known, radius=wide), t, horizon):
+                if len(path.t) and self._touches_nothing(path, t, known):
                     self.path = path
                     self.decision = Decision(
                         "follow", "the path that arrives first among the known motions", path=path, gap=0.0
@@ -75,9 +78,9 @@ class Oracle:
         """Return the plan."""
         return self.decision
 
-    def _touches_nothing(self, path: TimedPath, start: float) -> bool:
+    def _touches_nothing(self, path: TimedPath, start: float, line: Timeline) -> bool:
         """Tell whether driving the path from `start` s on touches no obstacle and no wall."""
-        task, line, dt = self.task, self.timeline, self.task.robot.dt
+        task, dt = self.task, self.task.robot.dt
         t, xy, at = [start], [task.start], task.start
         while math.dist(at, task.goal) > task.goal_tolerance and t[-1] < path.t[-1] + 1.0:
             velocity = drive(task, Observation(t[-1], at, (0.0, 0.0), 0.0, Tracks.none()), path).velocity

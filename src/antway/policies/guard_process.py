@@ -85,12 +85,13 @@ class GuardProcess:
         checks.instance("task", task, Task)
         self.deadline = checks.number("deadline", deadline, low=0.0, high=1.0, open_low=True)
         self.slack = checks.number("slack", slack, low=0.0, unit="s")
+        usable = emit is None or callable(emit)
         try:
-            if emit is not None and not callable(emit):
-                raise TypeError
             pickle.dumps(emit)
         except (AttributeError, TypeError, pickle.PicklingError):
-            raise BadParameter("emit", emit, "a function of a module, which can be pickled, or None") from None
+            usable = False
+        if not usable:
+            raise BadParameter("emit", emit, "a function of a module, which can be pickled, or None")
         Guard(**guard)  # raises errors of its options here
         shared = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
         self.folder = tempfile.mkdtemp(prefix="antway-", dir=shared)

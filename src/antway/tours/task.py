@@ -120,6 +120,6 @@ def _windows(windows: Sequence[Iterable[float] | None] | ArrayLike | None, n: in
         raise BadParameter("len(windows)", len(listed), f"that of stops, {n}")
     for i, window in enumerate(listed):
         if window is not None:
-            pairs[i] = checks.window(f"windows[{i}]{named[i]}", window)
+            pairs[i] = checks.window(f"windows[{i}]{named[i]}", window, wanted)
     pairs.flags.writeable = False
     return pairs
