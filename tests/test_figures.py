@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import sys
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 from pathlib import Path
 
@@ -34,7 +35,6 @@ from antway.world.world import Obstacle
 from sample import sample_trace
 
 TRACE = sample_trace(150, 3)
-PATH = figures.shortest(TRACE.task)
 HISTORY = np.column_stack((50 - np.arange(20), 70 - np.arange(20), np.linspace(0, 1, 20), np.zeros(20)))
 HISTORY[0, :2] = np.inf, np.nan
 RATIOS = {"antway": 1.02, "paper": 1.1, "follow": 1.4, "stop": 1.6, "replan": 1.2, "sipp": 1.05, "dwa": 1.3, "orca": 1.25}
@@ -42,6 +42,35 @@ ROWS = [
     Row("s", f"{level}-{e}", policy, 0, "1", f"x/{level}", "reached" if e % 4 else "timeout", "", 10 * ratio + e, bound=10.0)
     for policy, ratio in RATIOS.items() for level in ("sparse", "dense") for e in range(8)
 ]  # fmt: skip
+NAMES = (
+    "plan",
+    "no path",
+    "turned",
+    "wide",
+    "tall",
+    "meet",
+    "avoid",
+    "end",
+    "final",
+    "strip",
+    "convergence",
+    "tour",
+    "pheromone over time",
+    "seeds",
+    "sensitivity",
+    "motion",
+    "front",
+    "success",
+    "time-ratio",
+    "chart 1",
+    "chart 2",
+    "chart 3",
+)  # of the figures below
+
+
+@cache
+def shortest_path() -> Plan:
+    return figures.shortest(TRACE.task)
 
 
 def motion_figure() -> Figure:
@@ -51,21 +80,23 @@ def motion_figure() -> Figure:
     return plans.motion_figure(office, path, smooth(path, robot), robot)
 
 
+@cache
 def every_figure() -> dict[str, Figure]:
+    """All that are looked at below, drawn when the first test asks, not where tests are merely collected."""
     square = Tsp([(0, 0), (0, 2), (2, 2), (2, 0), (1, 0)], name="five")
     square_room = TRACE.task.grid
     turned = Grid(np.eye(6, dtype=bool), 0.3, (-2.0, 1.0, 0.7))
     return {
-        "plan": figures.plan_figure(TRACE.task.grid, PATH),
+        "plan": figures.plan_figure(TRACE.task.grid, shortest_path()),
         "no path": figures.plan_figure(TRACE.task.grid, Plan(Status.NO_PATH), ends=((0.5, 0.5), (18.5, 18.5)), title="No path"),
         "turned": figures.plan_figure(turned, plan(turned, turned.centre((0, 1)), turned.centre((0, 5)))),
         "wide": figures.plan_figure(Grid(np.zeros((4, 90), bool)), Plan(Status.NO_PATH)),
         "tall": figures.plan_figure(Grid(np.zeros((90, 6), bool)), Plan(Status.NO_PATH)),
-        "meet": figures.moment_figure(TRACE, 40, title="About to meet a moving obstacle", path=PATH),
-        "avoid": figures.moment_figure(TRACE, 70, title="Going round it", path=PATH, pheromone=True),
+        "meet": figures.moment_figure(TRACE, 40, title="About to meet a moving obstacle", path=shortest_path()),
+        "avoid": figures.moment_figure(TRACE, 70, title="Going round it", path=shortest_path(), pheromone=True),
         "end": figures.moment_figure(TRACE, len(TRACE), title="At the goal"),
-        "final": figures.final_figure(TRACE, path=PATH),
-        "strip": figures.strip_figure(TRACE, [10, 50, 80, 120], path=PATH),
+        "final": figures.final_figure(TRACE, path=shortest_path()),
+        "strip": figures.strip_figure(TRACE, [10, 50, 80, 120], path=shortest_path()),
         "convergence": figures.convergence_figure({"constant": HISTORY, "adaptive": HISTORY - 3}, optimum=27.0),
         "tour": figures.tour_figure(square, solve_tsp(square, cycles=20)),
         "pheromone over time": colonies.pheromone_over_time_figure(
@@ -86,13 +117,10 @@ def every_figure() -> dict[str, Figure]:
     }
 
 
-FIGURES = every_figure()
-
-
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("name", NAMES)
 def test_no_text_lies_over_another_or_off_the_page(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every word of a figure is on the page and clear of every other word."""
-    fig, drawn, draw = FIGURES[name], [], Text.draw
+    fig, drawn, draw = every_figure()[name], [], Text.draw
     monkeypatch.setattr(Text, "draw", lambda text, renderer: (drawn.append(text), draw(text, renderer))[1])
     fig.canvas.draw()
     boxes = [(text.get_text(), text.get_window_extent()) for text in drawn if text.get_visible() and text.get_text().strip()]
@@ -105,13 +133,18 @@ def test_no_text_lies_over_another_or_off_the_page(name: str, monkeypatch: pytes
         assert across <= 1 or along <= 1, f"{a!r} lies over {b!r}"
 
 
+def test_every_figure_is_looked_at() -> None:
+    """A figure that is added is added to the names as well."""
+    assert tuple(every_figure()) == NAMES
+
+
 TITLED = ["plan", "meet", "avoid", "final", "strip", "convergence", "pheromone over time", "success", "time-ratio"]
 
 
 @pytest.mark.parametrize("name", TITLED)
 def test_figures_are_titled_and_name_their_units(name: str) -> None:
     """Each figure has a title, and axes that carry numbers say of what and in which unit."""
-    axes = FIGURES[name].axes[0]
+    axes = every_figure()[name].axes[0]
     assert axes.get_title(loc="left") and "(" in axes.get_ylabel()
 
 
@@ -162,10 +195,10 @@ def test_a_wall_of_one_cell_is_drawn_on_a_large_map(cells: int) -> None:
 
 def test_what_moves_is_red_and_only_that() -> None:
     """The plan on the empty map has no red; where obstacles are, red shows; the robot's way is blue, the chosen one green."""
-    assert shares(FIGURES["plan"], RED) == 0.0 and shares(FIGURES["plan"], BLUE) > 1e-3
+    assert shares(every_figure()["plan"], RED) == 0.0 and shares(every_figure()["plan"], BLUE) > 1e-3
     for name in ("meet", "avoid", "final"):
-        assert shares(FIGURES[name], RED) > 3e-4, name
-    assert shares(FIGURES["avoid"], TEAL) > 3e-4
+        assert shares(every_figure()[name], RED) > 3e-4, name
+    assert shares(every_figure()["avoid"], TEAL) > 3e-4
 
 
 def test_colours_are_told_apart_by_the_colour_blind() -> None:
@@ -193,7 +226,7 @@ def test_wrong_steps_and_names_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BadParameter, match="steps"):
         figures.strip_figure(TRACE, [])
     with pytest.raises(BadParameter, match="out"):
-        figures.save(FIGURES["plan"], tmp_path / "a.bmp")
+        figures.save(every_figure()["plan"], tmp_path / "a.bmp")
     with pytest.raises(BadParameter, match="history of ants"):
         figures.convergence_figure({"ants": np.zeros((3, 2))})
     with pytest.raises(BadParameter, match="out"):
@@ -207,9 +240,9 @@ def test_wrong_steps_and_names_are_refused(tmp_path: Path) -> None:
 
 def test_the_legend_of_a_motion_names_what_is_drawn_in_that_colour() -> None:
     """Blue are the robot's outlines; the motion has the colours of the bar beside it, and its time stands in the title."""
-    names = [text.get_text() for text in FIGURES["motion"].legends[0].get_texts()]
+    names = [text.get_text() for text in every_figure()["motion"].legends[0].get_texts()]
     assert names == ["plan", "robot, at equal time steps"]
-    assert FIGURES["motion"].axes[0].get_title(loc="left").startswith("Smoothed plan: ")
+    assert every_figure()["motion"].axes[0].get_title(loc="left").startswith("Smoothed plan: ")
 
 
 def test_what_cannot_be_written_is_one_error_with_its_field(tmp_path: Path) -> None:
@@ -217,7 +250,7 @@ def test_what_cannot_be_written_is_one_error_with_its_field(tmp_path: Path) -> N
     away = tmp_path / "nofolder"
     for wrong in (away / "a.png", "a\0.png", 3):
         with pytest.raises(BadParameter, match=r"out = .*: must be a path"):
-            figures.save(FIGURES["plan"], wrong)
+            figures.save(every_figure()["plan"], wrong)
     with pytest.raises(BadParameter, match=r"out = .*folder.*written to"):
         write_replay(TRACE, away / "a.html")
     with pytest.raises(BadParameter, match=r"out = .*folder.*written to"):
@@ -237,7 +270,7 @@ def test_titles_and_rows_with_signs_of_formulas_are_drawn_as_they_are() -> None:
     five = Tsp([(0, 0), (0, 2), (2, 2), (2, 0), (1, 0)], name=name)
     rows = [Row("s", f"{name}-0", name, 0, "1", f"x/{name}", "reached", "", 10.0, bound=10.0)]
     drawn = [
-        figures.plan_figure(grid, PATH, title=name),
+        figures.plan_figure(grid, shortest_path(), title=name),
         figures.moment_figure(TRACE, 40, title=name),
         figures.final_figure(TRACE, title=name),
         figures.tour_figure(five, solve_tsp(five, cycles=3)),
@@ -255,7 +288,7 @@ def test_titles_and_rows_with_signs_of_formulas_are_drawn_as_they_are() -> None:
 
 def test_an_animation_shows_the_whole_episode(tmp_path: Path) -> None:
     """A GIF has at most as many frames as asked for, loops, and its first and last differ by more than the robot's place."""
-    with Image.open(write_animation(TRACE, tmp_path / "a.gif", shortest=PATH, frames=12, width=200)) as gif:
+    with Image.open(write_animation(TRACE, tmp_path / "a.gif", shortest=shortest_path(), frames=12, width=200)) as gif:
         assert gif.n_frames == 12 and gif.size[0] == 200 and gif.info["loop"] == 0
         first = np.asarray(gif.convert("RGB")).astype(int)
         gif.seek(11)
@@ -313,7 +346,7 @@ def test_every_colony_is_drawn_or_all_are_refused() -> None:
 
 def test_the_legend_of_a_strip_names_what_is_in_any_panel() -> None:
     """What the last panel does not show, such as a prediction, is named as well, once."""
-    fig = figures.strip_figure(TRACE, [70, 80, len(TRACE)], path=PATH)
+    fig = figures.strip_figure(TRACE, [70, 80, len(TRACE)], path=shortest_path())
     named = [text.get_text() for text in fig.legends[0].get_texts()]
     shown = {label for axes in fig.axes for label in axes.get_legend_handles_labels()[1]}
     assert shown == set(named) and len(named) == len(shown) and "chosen path" in named and "pheromone" in named

@@ -117,19 +117,21 @@ def legal_plans(count: int) -> list[tuple[Problem, Plan]]:
     return found
 
 
-PLANS = legal_plans(cases(500, 5000))
+@pytest.fixture(scope="module")
+def plans() -> list[tuple[Problem, Plan]]:
+    return legal_plans(cases(500, 5000))
 
 
-def test_accepts_every_legal_plan() -> None:
+def test_accepts_every_legal_plan(plans: list[tuple[Problem, Plan]]) -> None:
     """No legal plan under any move rule is rejected."""
-    for problem, plan in PLANS:
+    for problem, plan in plans:
         check_plan(problem, plan)
 
 
 @pytest.mark.parametrize("fault", BREAK)
-def test_rejects_every_broken_plan(fault: str) -> None:
+def test_rejects_every_broken_plan(fault: str, plans: list[tuple[Problem, Plan]]) -> None:
     """A legal plan broken in this one way is rejected, always."""
-    for problem, plan in PLANS:
+    for problem, plan in plans:
         with pytest.raises(InvalidPlan):
             check_plan(problem, BREAK[fault](problem, plan))
 

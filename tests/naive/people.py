@@ -6,7 +6,6 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from scipy import stats
 
 from naive.guard import driven
 
@@ -235,6 +234,8 @@ def bounced(state, radius, side, dt, xy, velocity, deviations) -> tuple[list[flo
         mirrored[axis + 2] *= -1.0
         futures.append(mirrored)
     measured = np.concatenate((xy, velocity))
+    from scipy import stats  # takes long to import; files that need other twins of this module do without
+
     chances = [np.nansum(stats.norm.logpdf(measured, one, np.repeat(deviations, 2))) for one in futures]
     best = int(np.argmax(chances))
     return futures[best].tolist(), best == 1
