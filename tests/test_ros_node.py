@@ -237,19 +237,38 @@ def test_up_and_down():
     assert result["speeds"] == [1.0, 2.0], "of a named robot with a speed that is set to what is usual"
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "said"),
-    [
-        ("robot.radius", "-1.0", "robot.radius"),
-        ("robot.radius", "wide", "robot.radius = 'wide': must be a finite number"),
-        ("robot.raduis", "0.3", "no parameter has this name; there is robot.radius"),
-        ("autostart", "true", "robot.drive = '': must be holonomic"),
-        ("robot.footprint", "{{}", "parse"),
-    ],
-)
-def test_a_wrong_parameter_is_one_line_and_status_two(name: str, value: str, said: str) -> None:
+REFUSED = [
+    ("robot.radius", "-1.0", "robot.radius"),
+    ("robot.radius", "wide", "robot.radius = 'wide': must be a finite number"),
+    ("robot.raduis", "0.3", "no parameter has this name; there is robot.radius"),
+    ("autostart", "true", "robot.drive = '': must be holonomic"),
+    ("robot.footprint", "{{}", "parse"),
+]
+
+
+def is_refused(status: int, errors: str, said: str) -> bool:
+    """Whether one line says so, in these words, with status 2 and no traceback."""
+    lines = [line for line in errors.splitlines() if line.startswith("error: ")]
+    return status == 2 and len(lines) == 1 and said in lines[0] and "Traceback" not in errors
+
+
+@pytest.fixture(scope="module")
+def ended() -> dict[str, tuple[int, str]]:
+    """Status and errors of the command with each setting of REFUSED, from one process: to start one takes seconds."""
+    return script("refused.py", *(f"{name}:={value}" for name, value, _ in REFUSED))
+
+
+@pytest.mark.parametrize(("name", "value", "said"), REFUSED)
+def test_a_wrong_parameter_is_one_line_and_status_two(
+    name: str, value: str, said: str, ended: dict[str, tuple[int, str]]
+) -> None:
     """Values that a definition refuses, and names that there are not, end the node with one line that says which."""
-    command = [BIN / "python", "-m", "antway", "ros2", "--ros-args", "-p", f"{name}:={value}"]
+    status, errors = ended[f"{name}:={value}"]
+    assert is_refused(status, errors, said), (status, errors)
+
+
+def test_a_wrong_parameter_ends_the_process() -> None:
+    """The same where the command is a process of its own."""
+    command = [BIN / "python", "-m", "antway", "ros2", "--ros-args", "-p", "robot.radius:=-1.0"]
     done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120, check=False)
-    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    assert done.returncode == 2 and len(errors) == 1 and said in errors[0] and "Traceback" not in done.stderr, done.stderr
+    assert is_refused(done.returncode, done.stderr, "robot.radius"), done.stderr
