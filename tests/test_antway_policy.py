@@ -40,7 +40,7 @@ from antway.planning import TimedPath
 from antway.policies.antway import odometry, rehearsal
 from antway.policies.antway import state as state_module
 from antway.policies.antway import tracker as tracker_module
-from antway.policies.antway.alternatives import CROSSING, ELSE, Weighed
+from antway.policies.antway.alternatives import CROSSING, ELSE, Snapshot, Weighed
 from antway.policies.antway.control_options import ControlOptions
 from antway.policies.antway.explain import wait_of
 from antway.policies.antway.policy import AntwayPolicy
@@ -213,6 +213,14 @@ def test_to_ask_what_was_weighed_changes_nothing() -> None:
     asking, silent = run(crowd(2), policy, seed=2), run(crowd(2), seed=2)
     assert asking.trace.xy.tobytes() == silent.trace.xy.tobytes()
     assert [d.weighed() for _, d in asking.trace.decisions] == [d.weighed() for _, d in silent.trace.decisions]
+
+
+def test_nothing_is_weighed_that_nobody_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An episode looked at all that was weighed, to check it, which took up to half of its time."""
+    asked, path = [], Snapshot.path
+    monkeypatch.setattr(Snapshot, "path", lambda self, *given: (asked.append(self.now), path(self, *given))[1])
+    trace = run(crowd(2), seed=2).trace
+    assert asked == [] and all(len(decision.weighed()) in (1, 3) for _, decision in trace.decisions) and asked
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from antway import checks
 from antway.errors import BadParameter, described_error
 from antway.kernels.base.geometry import TOUCH
 from antway.kernels.robot.motion import REST
-from antway.lazy import drawing
+from antway.lazy import Later, drawing
 from antway.limits import MAX_TIME
 from antway.planning import TimedPath
 from antway.version import __version__
@@ -317,7 +317,7 @@ def _checked(decision: object) -> Decision:
         path = checks.instance("decision.path", known.path, TimedPath)
         if not (np.isfinite(path.t).all() and np.isfinite(path.xy).all()):
             raise BadParameter("decision.path", path, "of finite numbers")
-    for part in known.alternatives:
+    for part in () if isinstance(known.alternatives, Later) else known.alternatives:
         name, cost = checks.sequence("decision.alternatives", part, "pairs of a name and a cost in s", size=2)
         checks.instance("decision.alternatives", name, str)
         if not isinstance(cost, (float, np.floating)):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,6 +17,7 @@ from antway.kernels.spacetime.context import PlanningContext, free_time
 from antway.kernels.spacetime.memory import KNOTS, SEGMENTS, Memory
 from antway.kernels.spacetime.motion import first_conflict, passing, shorten, trace_back
 from antway.kernels.tracking.predict import predict, time_shift
+from antway.lazy import Later
 from antway.planning import TimedPath
 from antway.policies.antway.detours import node_near
 from antway.policies.antway.state import make_memory, make_trails
@@ -110,7 +110,7 @@ def manner(encounter: str, velocity: XY, path: TimedPath, segments: Floats, now:
     return ELSE[0] if velocity[0] * ay - velocity[1] * ax > 0.0 else ELSE[1]
 
 
-class Weighed(Sequence[tuple[str, float]]):
+class Weighed(Later):
     """The robot's action and its alternatives, each with its cost in s; computed when first used.
 
     The cost is the additional time compared with the path without moving obstacles. The robot avoids the track of row k; it
