@@ -223,6 +223,14 @@ def test_nothing_is_weighed_that_nobody_asks_for(monkeypatch: pytest.MonkeyPatch
     assert asked == [] and all(len(decision.weighed()) in (1, 3) for _, decision in trace.decisions) and asked
 
 
+def test_what_was_weighed_is_pickled_as_numbers() -> None:
+    """Not with the map and all predictions of its control cycle."""
+    decisions = run(crowd(2), seed=2).trace.decisions
+    alternatives = next(one.alternatives for _, one in decisions if isinstance(one.alternatives, Weighed))
+    pickled = pickle.dumps(alternatives)
+    assert len(pickled) < 300 and pickle.loads(pickled) == tuple(alternatives)
+
+
 @pytest.mark.parametrize(
     ("name", "changes"),
     [

@@ -125,6 +125,9 @@ class Weighed(Later):
     def __deepcopy__(self, memo: object) -> Weighed:
         return self  # the object is immutable
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return tuple, (self._all,)  # not the data of the cycle, which are large, and whose copies are of other types to kernels
+
     @cached_property
     def _all(self) -> tuple[tuple[str, float], ...]:
         now, k, encounter, velocity, how = self._asked
