@@ -255,6 +255,20 @@ def test_start_off_the_centres():
         assert still.arrival <= plan.arrival + 1e-9
 
 
+@pytest.mark.parametrize(("size", "rows", "origin"), [(0.1, 1, 0.0), (0.05, 3, 1e6), (0.1, 7, 1e6)])
+def test_a_robot_as_wide_as_its_corridor_leaves_every_place_where_it_stands(size, rows, origin):
+    """Rounding, beside the middle or far from the origin, does not make a contact of a wall that it touches."""
+    grid = Grid(np.zeros((rows, 18), bool), size, (origin, 0.7 * origin, 0.0))
+    search, left = Sipp(grid, grid.centre((rows // 2, 13)), radius=rows * size / 2, v_max=1.0), 0
+    for col in (4, 6):
+        x, y = grid.centre((rows // 2, col))
+        for start in ((x, y), (x, y + 1e-10), (x + 0.3 * size, y - 1e-10)):
+            if search.stands(start):
+                left += 1
+                assert search.plan(start).status is Status.FOUND
+    assert left >= 2
+
+
 def test_one_search_asked_again():
     """Queries leave nothing behind: a search asked in any order, after a tiny budget too, answers as a new one, bit for bit."""
     rng = np.random.default_rng(8)

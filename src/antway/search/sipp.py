@@ -229,7 +229,8 @@ class Sipp:
         started = time.perf_counter()
         x, y = checks.point("start", start)
         self.grid.cell_at((x, y))
-        if not self.stands((x, y)):
+        row, col = self.grid.to_points((x, y))[0].tolist()
+        if not self._stands(row, col):
             raise CellBlocked("start", (x, y), f"where a disc of {self.radius:g} m is free of walls")
         most = 2**62 if max_expanded is None else checks.integer("max_expanded", max_expanded, low=0)
         grid, (ox, oy, _), size = self.grid, self.grid.origin, self.grid.resolution
@@ -239,7 +240,7 @@ class Sipp:
         if len(segments) > len(self._workspace.spans):
             self._workspace = _workspace(self.mask.size, len(self._workspace.cell), 2 * len(segments))
         while True:
-            code, state, expanded, bound = kernels.sipp(moving, (x, y), t, segments, most, self._workspace)
+            code, state, expanded, bound = kernels.sipp(moving, (x, y), (row, col), t, segments, most, self._workspace)
             if code != kernels.FULL:
                 break
             self._workspace = _workspace(

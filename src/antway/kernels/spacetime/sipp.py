@@ -82,7 +82,13 @@ class Moving(NamedTuple):
 
 @kernel
 def sipp(
-    moving: Moving, start: tuple[float, float], now: float, segments: Segments, max_expanded: int, ws: SippMemory
+    moving: Moving,
+    start: tuple[float, float],
+    at: tuple[float, float],
+    now: float,
+    segments: Segments,
+    max_expanded: int,
+    ws: SippMemory,
 ) -> tuple[int, int, int, float]:
     """Find the earliest arrival of a disc among moving discs: A* over safe intervals with the exact field as heuristic.
 
@@ -90,8 +96,9 @@ def sipp(
     Moves are made in the order of their extra cost over the field, and only when the search needs them (partial expansion).
 
     The robot leaves `start`, (x, y) in m, at the time `now`, s. If that is not the centre of a cell, it first goes straight to
-    a centre up to 3 rows and columns away. The contact radii of the moving discs (`segments`, see segments.py) include the
-    robot's radius. At most `max_expanded` states are expanded.
+    a centre up to 3 rows and columns away. `at` is the start as the (row, col) that was found to be free of walls; rounded in
+    another way, a robot that touches a wall there might be in contact with it. The contact radii of the moving discs
+    (`segments`, see segments.py) include the robot's radius. At most `max_expanded` states are expanded.
 
     Returns FOUND, NO_PATH, BUDGET, or FULL if the workspace is too small; the state of the goal if found, else -1; how many
     states were expanded; and a lower bound on the arrival of any path, s.
@@ -106,7 +113,7 @@ def sipp(
     if ws.counts[STATES] == 0 or ws.since[0] > now:
         return NO_PATH, -1, 0, np.inf
     ws.arrival[0] = now
-    fits, bound = _leave_start(moving, start, now, predictions, ws)
+    fits, bound = _leave_start(moving, start, at, now, predictions, ws)
     if not fits:
         return FULL, -1, 0, bound
     expanded = 0
@@ -132,7 +139,7 @@ def sipp(
 
 @bare_kernel
 def _leave_start(
-    moving: Moving, start: tuple[float, float], now: float, predictions: Predictions, ws: SippMemory
+    moving: Moving, start: tuple[float, float], at: tuple[float, float], now: float, predictions: Predictions, ws: SippMemory
 ) -> tuple[bool, float]:
     """Go straight from the start to the centres around it; return False if `ws` is full, and a lower bound on the arrival."""
     field, (x0, y0, size, cols) = moving.field, moving.frame
@@ -142,7 +149,7 @@ def _leave_start(
     bound = np.inf
     for r in range(max(row - block, 0), min(row + block, len(field) - 1) + 1):
         for c in range(max(col - block, 0), min(col + block, cols - 1) + 1):
-            if field[r, c] == np.inf or segment_hits_cells(moving.blocked, row_at, col_at, r, c, moving.radius / size, True):
+            if field[r, c] == np.inf or segment_hits_cells(moving.blocked, at[0], at[1], r, c, moving.radius / size, True):
                 continue
             dx, dy = x0 + c * size - start[0], y0 + r * size - start[1]
             duration = math.hypot(dx, dy) / moving.speed
