@@ -124,6 +124,13 @@ def test_plans_of_lists_are_refused() -> None:
         Plan(Status.FOUND, np.zeros((1, 2), np.int32), points=[[0.0, 0.0]])  # type: ignore[arg-type]
 
 
+def test_times_of_a_path_do_not_fall() -> None:
+    """A wait of no length and rounding are no fault; else a place in between would be none on the path."""
+    assert TimedPath(np.array([0.0, 1.0, 1.0, 1.0 - 1e-9]), np.zeros((4, 2))).at(0.5) == (0.0, 0.0)
+    with pytest.raises(BadParameter, match=r"t = 1\.5: must be increasing"):
+        TimedPath(np.array([0.0, 2.0, 1.5, 3.0]), np.zeros((4, 2)))
+
+
 def test_moves_name_their_offsets() -> None:
     """Offsets come in pairs of opposites, straight ones first, and 8, 16, 32 of them as named."""
     for moves, count in ((Moves.FOUR, 4), (Moves.EIGHT, 8), (Moves.SIXTEEN, 16), (Moves.THIRTY_TWO, 32)):

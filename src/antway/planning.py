@@ -245,6 +245,11 @@ class Plan:
 class TimedPath:
     """A path in time: it is at `xy[i]` m at `t[i]` s (increasing), and straight at constant speed in between.
 
+    Raises
+    ------
+    BadParameter
+        For arrays that do not fit together, or times that fall by more than rounding does, 1e-6 s.
+
     Examples
     --------
     >>> import numpy as np
@@ -258,6 +263,9 @@ class TimedPath:
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", checks.array("t", self.t, (None,), finite=False))
         object.__setattr__(self, "xy", checks.array("xy", self.xy, (len(self.t), 2), finite=False))
+        falls = self.t[1:] < self.t[:-1] - 1e-6
+        if falls.any():
+            raise BadParameter("t", float(self.t[1:][falls][0]), "increasing (s)")
 
     def __reduce__(self) -> tuple[object, ...]:
         return TimedPath, (self.t, self.xy)
