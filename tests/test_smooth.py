@@ -473,6 +473,16 @@ def test_wrong_input_raises() -> None:
             smooth(path, DIFF, **wrong)
     with pytest.raises(BadParameter, match="grid"):
         smooth(replace(path, grid=None), DIFF)
+    for changed in (
+        {"cells": path.cells - 200},
+        {"points": np.array([[3.0, 3.0], [1e12, 3.0]])},
+        {"points": np.full((2, 2), math.nan)},
+    ):
+        with pytest.raises(BadParameter, match=r"grid\.shape"):
+            smooth(replace(path, **changed), DIFF)
+    for far in ((0.0, -1.1e10), (1e200, 0.0)):
+        with pytest.raises(BadParameter, match=r"points .*1e\+10"):
+            stop_at_corners([(0.0, 0.0), far, (far[1], far[0])], DIFF)
 
 
 @pytest.mark.parametrize("drive", ["holonomic", "differential"])

@@ -11,6 +11,7 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.base.geometry import segment_hits_cells
+from antway.limits import MAX_PLACE
 from antway.trajectory.motion import Motion
 from antway.world.robots import RobotSpec
 from antway.world.rollouts import finite_limits
@@ -25,16 +26,25 @@ def stop_at_corners(points: ArrayLike, robot: RobotSpec) -> Motion:
     Equal neighbours count once. Wheels start with the heading of the first leg and end with that of the last. Infinite
     accelerations count as 1000 m/s^2 and rad/s^2.
 
+    Raises
+    ------
+    BadParameter
+        For no point, a coordinate beyond 1e10 m, or a corner with an ackermann drive.
+
     Examples
     --------
     >>> robot = RobotSpec(a_max=1.0)
     >>> round(stop_at_corners([(0.0, 0.0), (4.0, 0.0)], robot).time, 9)
     5.0
     """
-    xy = without_repeats(checks.array("points", points, (None, 2)))
+    xy = checks.array("points", points, (None, 2))
     checks.instance("robot", robot, RobotSpec)
     if len(xy) == 0:
         raise BadParameter("points", 0, "at least 1 point")
+    farthest = float(xy.flat[np.abs(xy).argmax()])
+    if abs(farthest) > MAX_PLACE:
+        raise BadParameter("points", farthest, f"in [{-MAX_PLACE:g}, {MAX_PLACE:g}] (m)")
+    xy = without_repeats(xy)
     limits, legs = finite_limits(robot), np.diff(xy, axis=0)
     if robot.drive == "ackermann" and len(legs) > 1:
         raise BadParameter("points", len(xy), "2 points with an ackermann drive, which cannot turn in place")

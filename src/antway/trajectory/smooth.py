@@ -132,8 +132,9 @@ def smooth(
     trials = checks.integer("trials", trials, low=1, high=10_000)
     if not len(path.cells):
         return Smoothed(path.status, None, elapsed=time.perf_counter() - started, reason="the plan has no path")
-    if (path.cells >= grid.shape).any():
-        raise BadParameter("grid.shape", grid.shape, "that of a map with all cells of the path")
+    for places in (path.cells, path.cells if path.points is None else path.points):
+        if not ((places >= -0.5) & (places <= np.array(grid.shape) - 0.5)).all():
+            raise BadParameter("grid.shape", grid.shape, "that of a map with all cells and points of the path")
     if path.length > _LONGEST:
         raise TooLarge("path.length", path.length, f"at most {_LONGEST:g} m")
     flat = Grid(grid.blocked, grid.resolution)
@@ -265,7 +266,7 @@ def _timed(curve: Curve, task: _Task) -> Motion:
         over = [math.sqrt(rate.max()), math.sqrt(spin.max() / limits.alpha_max), np.abs(turn_rate).max() / limits.turn_rate]
     factor = max(1.0, float(speed.max()) / limits.v_max, *over) * (1.0 + 1e-9)
     t = np.concatenate(([0.0], np.cumsum(dt))) * factor
-    return Motion(t, curve.xy.copy(), heading, velocity / factor, turn_rate / factor)
+    return Motion(t, curve.xy, heading, velocity / factor, turn_rate / factor)
 
 
 def _on_map(motion: Motion, grid: Grid) -> Motion:
@@ -273,6 +274,4 @@ def _on_map(motion: Motion, grid: Grid) -> Motion:
     x, y, yaw = grid.origin
     cos, sin = math.cos(yaw), math.sin(yaw)
     turn = np.array([[cos, sin], [-sin, cos]])
-    return Motion(
-        motion.t.copy(), motion.xy @ turn + (x, y), motion.heading + yaw, motion.velocity @ turn, motion.turn_rate.copy()
-    )
+    return Motion(motion.t, motion.xy @ turn + (x, y), motion.heading + yaw, motion.velocity @ turn, motion.turn_rate)
