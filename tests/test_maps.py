@@ -86,6 +86,7 @@ def test_pictures_as_other_programs_write_them(tmp_path: Path) -> None:
         (b"P5 2 1 65535 \xff\xff\0\xff", [0, 1], None),
         (b"P5 2 1 256 \1\0\0\x80", [0, 0], None),
         (b"P5 2 1 1 \1\0", [0, 1], None),
+        (b"P5 2 1 255#\n\xff\n", [0, 1], None),
         (b"P2 2 1 65535 65535 10000", [0, 1], None),
         (png(0, 1, b"\x80"), [0, 1], None),
         (png(3, 8, b"\0\1", **palette), [0, 1], None),

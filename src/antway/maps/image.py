@@ -18,7 +18,7 @@ from antway.maps.limits import HEAD, Limits
 from antway.reading import opened, word_blocks
 
 _SPACE = rb"(?:\s|#[^\r\n]*[\r\n])++"  # white space and comments between the numbers of a PGM header
-_PGM = re.compile(rb"P([25])" + (_SPACE + rb"(\d{1,18})") * 3 + rb"(?=[\s#])")
+_PGM = re.compile(rb"P([25])" + (_SPACE + rb"(\d{1,18})") * 3 + rb"(?:#[^\r\n]*)?\s")  # up to the first pixel
 _PNG = b"\x89PNG\r\n\x1a\n"
 _DEFLATE = 1032  # largest number of bytes that a byte of a PNG can expand to
 _BAND = 2**20  # pixels converted to grey at a time
@@ -68,10 +68,7 @@ def _pgm(file: BinaryIO, head: bytes, size: int, path: Path, limits: Limits) -> 
     if not 1 <= most <= 65535:
         raise BadMap("largest value", most, "an integer in [1, 65535]", where=str(path))
     count = rows * cols
-    if found[1] == b"2":
-        start, needed = found.end(), 2 * count - 1
-    else:
-        start, needed = found.end() + 1, count * (1 if most < 256 else 2)
+    start, needed = found.end(), 2 * count - 1 if found[1] == b"2" else count * (1 if most < 256 else 2)
     if size - start < needed:
         raise BadMap("bytes of pixels", size - start, f"at least {needed} for {cols} x {rows} pixels", where=str(path))
     data = head[start:] + file.read()
