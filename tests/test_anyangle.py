@@ -13,7 +13,7 @@ import pytest
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid, Moves
 from antway.planning import Budget, Plan, Problem, Status
-from antway.search.anyangle import METHODS, anyangle
+from antway.search.anyangle import METHODS, _mesh, anyangle
 from antway.verify import _segment_fault, check_plan
 from common import SHARED, cases, costly, free_cells, needs_data, random_grid
 from naive.dstarlite import grid_distance
@@ -88,6 +88,16 @@ def test_theta_is_nearly_optimal(method: str) -> None:
             found.append(anyangle(problem, method=method).length / best - 1)
             shortest.append(grid_distance(grid, problem.start, problem.goal, problem.moves) / best - 1)
     assert np.mean(found) < 0.5 * np.mean(shortest)
+
+
+def test_equal_rows_are_one_rectangle_and_dead_ends_are_not_entered() -> None:
+    """Of the teeth of a comb only that with the goal is looked into."""
+    blocked = np.zeros((9, 31), bool)
+    blocked[3:, ::3] = True
+    grid = Grid(blocked)
+    polygons, portals = _mesh(grid)[0], _mesh(grid)[2]
+    assert (len(polygons), len(portals)) == (11, 10)
+    assert anyangle(Problem(grid, (2, 0), (8, 29))).expanded == 1
 
 
 def test_symmetries_keep_the_length() -> None:

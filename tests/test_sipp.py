@@ -11,8 +11,9 @@ import pytest
 
 from antway import Grid, Moves, Status
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
-from antway.kernels.spacetime.segments import unsafe_departures
-from antway.search.sipp import TIMED_MOVES, Sipp, sipp, timed_field, timed_moves
+from antway.kernels.base.records import Predictions
+from antway.kernels.spacetime.segments import delayed, earliest_departure, insert_interval, unsafe_departures
+from antway.search.sipp import TIMED_MOVES, Sipp, _workspace, sipp, timed_field, timed_moves
 from antway.world.timeline import Timeline
 from common import cases, random_grid
 from naive import sipp as naive
@@ -55,6 +56,31 @@ def test_unsafe_departures_are_those_that_samples_find() -> None:
         assert len(times) or high - low < 0.1 or low == math.inf
         met += len(times) > 0
     assert met > cases(60, 2000) / 6
+
+
+def test_no_departure_that_meets_a_segment_is_missed_or_invented() -> None:
+    """Bounding boxes change nothing, and a robot that must keep off where obstacles were leaves so much later."""
+    rng = np.random.default_rng(6)
+    for _ in range(cases(300, 20000)):
+        span, radius, stop, s = rng.uniform((0.2, 0.3, 0.0, -1.0), (4.0, 1.5, 1.5, 8.0))
+        (x, y, ux, uy), (vx, vy), duration = rng.uniform(-3, 3, 4), rng.uniform(-1, 1, 2), rng.uniform(0.5, 4.0)
+        segment = np.array([[1.5, 1.5 + span, x, y, ux, uy, radius, radius]])
+        low, high = unsafe_departures(0.0, 0.0, vx, vy, duration, segment, 0)
+        wanted = high + stop if low < s - stop < high else s
+        assert delayed(0.0, 0.0, vx, vy, duration, s, Predictions(segment, stop), 0) == pytest.approx(wanted, abs=1e-8)
+        for limit in (wanted + 0.1, wanted - 0.1):
+            depart = earliest_departure(0.0, 0.0, vx, vy, duration, s, limit, Predictions(segment, stop))
+            assert depart == pytest.approx(wanted if limit > wanted else math.inf, abs=1e-8)
+
+
+def test_intervals_are_kept_in_the_order_of_their_starts() -> None:
+    """Whatever the order in which they come."""
+    rng, rows = np.random.default_rng(7), np.empty((9, 2))
+    for n in range(10):
+        pairs = rng.integers(0, 9, (n, 2)).astype(float)
+        for i, (low, high) in enumerate(pairs):
+            assert insert_interval(rows, i, low, high) == i + 1
+        assert rows[:n].tolist() == sorted(pairs.tolist(), key=lambda pair: pair[0])
 
 
 def test_goals_that_are_named_twice_count_once() -> None:
@@ -282,6 +308,28 @@ def test_one_search_asked_again():
         ours, fresh = search.plan(start, timeline), sipp(grid, start, goal, timeline, radius=0.4, v_max=1.0)
         assert ours.status is fresh.status and ours.expanded == fresh.expanded and ours.arrival == fresh.arrival
         assert ours.path.t.tobytes() == fresh.path.t.tobytes() and ours.path.xy.tobytes() == fresh.path.xy.tobytes()
+
+
+def test_a_search_whose_memory_is_too_small_gets_more():
+    """It begins anew with more room, and answers as with enough from the start."""
+    rng = np.random.default_rng(10)
+    for _ in range(cases(6)):
+        grid, timeline = random_world(rng, 6, 9, 8)
+        cells = np.argwhere(timed_moves(grid, 0.2 * grid.resolution))
+        start, goal = (grid.centre(tuple(int(i) for i in rng.choice(cells))) for _ in range(2))
+        search = Sipp(grid, goal, radius=0.2 * grid.resolution, v_max=1.0)
+        wanted = search.plan(start, timeline)
+        search._workspace = _workspace(search.mask.size, 1, 1)
+        plan = search.plan(start, timeline)
+        assert (plan.arrival, plan.expanded) == (wanted.arrival, wanted.expanded)
+        assert plan.path.t.tobytes() == wanted.path.t.tobytes() and plan.path.xy.tobytes() == wanted.path.xy.tobytes()
+
+
+def test_only_intervals_on_the_way_are_expanded():
+    """Of many equally early paths over an empty map one is followed."""
+    search = Sipp(Grid(np.zeros((7, 12), bool)), (10.5, 5.5), radius=0.3, v_max=2.0, moves=Moves.FOUR)
+    free = search.plan((1.5, 1.5))
+    assert (free.arrival, free.expanded) == (6.5, 13)
 
 
 def test_budget_and_bound():
