@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -202,6 +203,55 @@ def test_motions_keep_clear_of_everything() -> None:
                 gap = np.hypot(np.maximum(np.abs(p[:, 0] - r) - 0.5, 0), np.maximum(np.abs(p[:, 1] - c) - 0.5, 0)) * 0.2
                 assert gap.min() > robot.radius - 1e-6
     assert shorter > 0
+
+
+def test_the_first_conflict_is_that_which_sampling_finds() -> None:
+    """Of a motion with waits, from a moment on: the start of the first leg or wait that meets an obstacle, or none."""
+    rng, found = np.random.default_rng(8), 0
+    for _ in range(cases(150, 2000)):
+        segments = np.vstack([random_piece(rng) for _ in range(2)])
+        berths = segments[:, [0, 1, 2, 3, 4, 5, 7, 7]]  # kept while it moves
+        xy = rng.uniform(-2, 2, (5, 2)).repeat(rng.integers(1, 3, 5), axis=0)
+        knots, now, wanted = np.column_stack((np.cumsum(rng.uniform(0.3, 1.0, len(xy))), xy)), float(rng.uniform(0.0, 2.0)), []
+        for first, last in pairwise(knots):
+            begin = np.array([np.interp(max(now, first[0]), knots[:, 0], knots[:, k]) for k in range(3)])
+            if begin[0] < last[0]:
+                kept = segments if (first[1:] == last[1:]).all() else berths
+                wanted.append((begin[0], naive.closest(np.vstack((begin, last)), kept, 0.002)))
+        if all(abs(gap) > 0.005 for _, gap in wanted):
+            conflict = next((t for t, gap in wanted if gap < 0.0), math.inf)
+            assert first_conflict(knots, now, Predictions(segments, 0.0)) == pytest.approx(conflict, abs=1e-12)
+            found += conflict < math.inf
+    assert found > 5
+
+
+def test_behind_the_horizon_motions_follow_the_field() -> None:
+    """They wait for it, reach the goal when the field says, and end early where told to or where there is no room."""
+    rng, ran = np.random.default_rng(9), 0
+    for _ in range(cases(12, 300)):
+        grid, _, start, goal, context, segments = local_problem(rng)
+        x, y = grid.centre(start)
+        field = float(context.field[start[0] * 31 + start[1]])
+        segments = np.vstack((segments, [0.0, 20.0, *grid.centre(goal), 0.0, 0.0, 0.5, 0.5]))  # somebody stands at the goal
+        horizon = 0.4 * field if ran % 2 else 2.0 * field
+        memory, end, _, _ = colony(context, segments, x, y, expansions=2000, horizon=horizon)
+        if end <= 0 or memory.cell[end] == context.goal:
+            continue
+        ran += 1
+        known, knots = (memory, context, Predictions(segments, 0.0), x, y, end, horizon), np.empty((600, 3))
+        knots = knots[: trace_back(*known, math.inf, knots)]
+        left = max(memory.arrival[end], horizon)
+        assert knots[-1, 0] == pytest.approx(left + context.field[memory.cell[end]]) and grid.cell_at(knots[-1, 1:]) == goal
+        steps = np.diff(knots, axis=0)
+        assert (steps[:, 0] > 0).all() and (np.hypot(steps[:, 1], steps[:, 2]) <= context.speed * steps[:, 0] + 1e-9).all()
+        at = int(np.searchsorted(knots[:, 0], left - 1e-6))
+        assert np.allclose(np.hypot(*steps[at:, 1:].T), context.speed * steps[at:, 0])
+        less = np.empty((600, 3))
+        assert trace_back(*known, float(knots[at + 1, 0]) - 1e-3, less) == at + 2
+        for room in range(4, len(knots)):
+            n = trace_back(*known, math.inf, less[:room])
+            assert room - 2 <= n <= room and (less[:n] == knots[:n]).all()
+    assert ran > 3
 
 
 def test_same_seed_same_search() -> None:
