@@ -12,6 +12,7 @@ import pytest
 
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid, Moves
+from antway.kernels.search.theta import cells_along
 from antway.planning import Budget, Plan, Problem, Status
 from antway.search.anyangle import METHODS, _mesh, anyangle
 from antway.verify import _segment_fault, check_plan
@@ -88,6 +89,19 @@ def test_theta_is_nearly_optimal(method: str) -> None:
             found.append(anyangle(problem, method=method).length / best - 1)
             shortest.append(grid_distance(grid, problem.start, problem.goal, problem.moves) / best - 1)
     assert np.mean(found) < 0.5 * np.mean(shortest)
+
+
+@pytest.mark.parametrize("turn", [False, True])
+def test_cells_along_a_line_of_the_lattice_are_on_the_side_of_the_last_one(turn: bool) -> None:
+    """Both sides are free until a wall begins; the last two cells are beside it."""
+    blocked = np.zeros((4, 8), bool)
+    blocked[0, 4:] = True
+    grid = Grid(blocked.T if turn else blocked)
+    for row, rows in ((1, (0, 0, 0, 0, 1, 1)), (3, (1, 1, 1, 1, 1, 1))):
+        path, cells = np.array([(row, 1), (2, 4), (2, 12)]), np.column_stack((rows, range(6)))
+        if turn:
+            path, cells = path[:, ::-1].copy(), cells[:, ::-1]
+        assert cells_along(grid.blocked, path).tolist() == cells.tolist()
 
 
 def test_equal_rows_are_one_rectangle_and_dead_ends_are_not_entered() -> None:
