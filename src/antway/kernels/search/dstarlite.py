@@ -162,8 +162,6 @@ def _heuristic(d: DStar, s: int, t: int) -> int:
 def _key(d: DStar, s: int) -> tuple[int, int]:
     """Return the key of `s`."""
     least = min(d.g[s], d.rhs[s])
-    if least == INF:
-        return INF, INF
     return least + _heuristic(d, d.state[START], s) + d.state[KM], least
 
 
