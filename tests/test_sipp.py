@@ -400,6 +400,8 @@ def test_bad_numbers(name, bad):
         ("radius", [-0.1, 0.2]),
         ("radius", [math.nan, 0.2]),
         ("radius", [0.2]),
+        ("radius", [0.2, 1.1e10]),
+        ("knot_xy", [[0.0, 0.0], [0.0, -1.1e10], [0.0, 0.0]]),
         ("knot_t", [1.0, 1.0, 0.0]),
         ("knot_t", [0.0, math.inf, 0.0]),
         ("knot_t", [0.0, 1.0]),

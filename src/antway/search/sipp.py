@@ -22,7 +22,7 @@ from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.spacetime import sipp as kernels
 from antway.kernels.spacetime.moves import move_field, move_mask
 from antway.kernels.spacetime.segments import timeline_segments
-from antway.limits import MAX_SPEED
+from antway.limits import MAX_PLACE, MAX_SPEED
 from antway.planning import Status, TimedPath
 
 TIMED_MOVES = (Moves.FOUR, Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO)
@@ -328,8 +328,10 @@ def checked_trajectories(obstacles: Trajectories) -> records.Trajectories:
     knot_t = checks.array("obstacles.knot_t", obstacles.knot_t, (None,))
     knot_xy = checks.array("obstacles.knot_xy", obstacles.knot_xy, (len(knot_t), 2))
     first = checks.raw("obstacles.first", obstacles.first, f"int64[{len(radius) + 1}], one more than radius")
-    if (radius < 0.0).any():
-        raise BadParameter("obstacles.radius", float(radius.min()), ">= 0 (m)")
+    for name, lengths, least in (("radius", radius, 0.0), ("knot_xy", knot_xy, -MAX_PLACE)):
+        wrong = (lengths < least) | (lengths > MAX_PLACE)
+        if wrong.any():
+            raise BadParameter(f"obstacles.{name}", float(lengths[wrong][0]), f"in [{least:g}, {MAX_PLACE:g}] (m)")
     if not np.issubdtype(first.dtype, np.integer) or first.shape != (len(radius) + 1,):
         raise BadParameter("obstacles.first", first, f"int64[{len(radius) + 1}], one more than radius")
     first = first.astype(np.int64)  # differences of unsigned numbers are never below 0

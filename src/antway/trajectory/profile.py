@@ -41,9 +41,9 @@ def stop_at_corners(points: ArrayLike, robot: RobotSpec) -> Motion:
     checks.instance("robot", robot, RobotSpec)
     if len(xy) == 0:
         raise BadParameter("points", 0, "at least 1 point")
-    farthest = float(xy.flat[np.abs(xy).argmax()])
-    if abs(farthest) > MAX_PLACE:
-        raise BadParameter("points", farthest, f"in [{-MAX_PLACE:g}, {MAX_PLACE:g}] (m)")
+    far = np.abs(xy) > MAX_PLACE
+    if far.any():
+        raise BadParameter("points", float(xy[far][0]), f"in [{-MAX_PLACE:g}, {MAX_PLACE:g}] (m)")
     xy = without_repeats(xy)
     limits, legs = finite_limits(robot), np.diff(xy, axis=0)
     if robot.drive == "ackermann" and len(legs) > 1:
