@@ -222,7 +222,7 @@ def test_the_first_conflict_is_that_which_sampling_finds() -> None:
             conflict = next((t for t, gap in wanted if gap < 0.0), math.inf)
             assert first_conflict(knots, now, Predictions(segments, 0.0)) == pytest.approx(conflict, abs=1e-12)
             found += conflict < math.inf
-    assert found > 5
+    assert found > cases(150, 2000) / 30
 
 
 def test_behind_the_horizon_motions_follow_the_field() -> None:
@@ -251,7 +251,7 @@ def test_behind_the_horizon_motions_follow_the_field() -> None:
         for room in range(4, len(knots)):
             n = trace_back(*known, math.inf, less[:room])
             assert room - 2 <= n <= room and (less[:n] == knots[:n]).all()
-    assert ran > 3
+    assert ran > cases(12, 300) / 6
 
 
 def test_same_seed_same_search() -> None:

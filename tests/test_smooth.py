@@ -268,6 +268,12 @@ def test_motions_with_stops_start_with_the_heading_of_the_first_leg() -> None:
         assert motion.time == pytest.approx(ahead.time) and np.allclose(motion.heading, math.pi / 2 if turns else 0.0)
 
 
+def test_wheels_turn_the_short_way_from_any_heading() -> None:
+    """A path and the same turned by half a turn, whose headings pass from 180 to -180 degrees, take the same time."""
+    path = np.array([(0.0, 0.0), (-4.0, 0.1), (-8.0, 0.0), (-12.0, 0.1)])
+    assert stop_at_corners(path, DIFF).time == pytest.approx(stop_at_corners(-path, DIFF).time, abs=1e-9)
+
+
 def test_straight_legs_take_the_least_time() -> None:
     """Against all choices among six vertices, on random maps."""
     rng, robot = np.random.default_rng(3), RobotSpec(radius=0.1, a_max=1.0)
@@ -483,6 +489,9 @@ def test_wrong_input_raises() -> None:
     for far in ((0.0, -1.1e10), (1e200, 0.0)):
         with pytest.raises(BadParameter, match=r"points .*1e\+10"):
             stop_at_corners([(0.0, 0.0), far, (far[1], far[0])], DIFF)
+    for name, points, robot in (("points", np.empty((0, 2)), DIFF), ("robot", [(0.0, 0.0)], 3)):
+        with pytest.raises(BadParameter, match=name):
+            stop_at_corners(points, robot)
 
 
 @pytest.mark.parametrize("drive", ["holonomic", "differential"])
