@@ -57,7 +57,7 @@ def test_exact_sensor_gives_place_and_velocity() -> None:
     eyes = scanner(Sensor(), moving())
     for t in (0.0, 0.1, 3.3):
         stamp, tracks, seen = eyes.observe(t, 3.0, 4.0)
-        assert stamp == t and tracks.id.tolist() == [4] and seen.tolist() == [0]
+        assert stamp == t and tracks.id.tolist() == [4] and seen.tolist() == [0] and tracks.covariance is None
         np.testing.assert_allclose(tracks.xy[0], (2.0 + 0.5 * t, 5.0), atol=1e-12)
         np.testing.assert_allclose(tracks.velocity[0], (0.5, 0.0), atol=1e-12)
 
@@ -71,6 +71,8 @@ def test_rate_and_latency() -> None:
     uneven = scanner(Sensor(period=0.25), moving())  # a scan is not late because the one before was
     stamps = [uneven.observe(t, 3.0, 4.0)[0] for t in np.arange(9) * 0.1]
     np.testing.assert_allclose(stamps, [0.0, 0.0, 0.0, 0.3, 0.3, 0.5, 0.5, 0.5, 0.8], atol=1e-9)
+    late = scanner(Sensor(latency=0.2), moving())  # scans in each cycle
+    assert [late.observe(0.1 * k, 3.0, 4.0)[0] for k in range(4)] == pytest.approx([-math.inf, -math.inf, 0.0, 0.1])
 
 
 def test_noise_and_losses_have_their_size_and_repeat() -> None:
@@ -123,15 +125,45 @@ def test_estimated_velocity_converges() -> None:
     assert np.std(errors) < 0.1 and abs(np.mean(errors)) < 0.03
     assert tracks.covariance is not None and np.std(errors) < 3 * math.sqrt(tracks.covariance[0, 2, 2])
     assert np.isnan(scanner(Sensor(velocity="none"), moving()).observe(0.0, 3.0, 4.0)[1].velocity).all()
+    first = scanner(Sensor(velocity="estimated"), moving()).observe(0.0, 3.0, 4.0)[1]
+    assert first.velocity.tolist() == [[0.0, 0.0]] and first.covariance[0, 2, 2] == 4.0
+
+
+def test_noise_is_that_of_its_seed_scan_and_disc() -> None:
+    """Its numbers stay the same, so that episodes can be repeated."""
+    eyes = scanner(Sensor(noise=1.0, velocity_noise=1.0), still([(3.0, 4.0)]), seed=7)
+    found = [np.hstack((seen.xy[0], seen.velocity[0])) for seen in (eyes.observe(t, 3.0, 4.0)[1] for t in (0.0, 0.1))]
+    np.testing.assert_allclose(found[0], (3.11705761557378, 4.25878713145062, -3.21240436949245, -0.70142437319165), atol=1e-12)
+    np.testing.assert_allclose(found[1], (3.89669268156604, 3.97319530126155, 1.43593788507839, 2.90435130188295), atol=1e-12)
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"noise": -1.0}, {"dropout": 1.5}, {"velocity": "guess"}, {"occlusion": 1}, {"period": math.nan}]
+    "wrong",
+    [
+        {"noise": -1.0},
+        {"dropout": 1.5},
+        {"dropout": 1.1},
+        {"velocity": "guess"},
+        {"velocity_noise": -0.1},
+        {"occlusion": 1},
+        {"period": math.nan},
+        {"period": 5e-7},
+        {"agility": 0.0},
+        {"agility": 1e200},  # places were NaN
+    ],
 )
 def test_wrong_sensors_are_refused(wrong: dict) -> None:
     """Each wrong parameter raises an error that names it."""
     with pytest.raises(BadParameter, match=next(iter(wrong))):
         Sensor(**wrong)
+
+
+def test_sensors_at_the_limits_are_sensors() -> None:
+    """The least period and the greatest acceleration, with which estimates stay numbers."""
+    assert Sensor(period=1e-6, dropout=1.0, agility=0.01).period == 1e-6
+    eyes = scanner(Sensor(velocity="estimated", agility=1e9), moving())
+    tracks = [eyes.observe(0.1 * k, 3.0, 4.0).tracks for k in range(5)][-1]
+    assert tracks.xy[0] == pytest.approx((2.2, 5.0)) and np.isfinite(tracks.covariance).all()
 
 
 @pytest.mark.parametrize("period", [0.5, 1.0, 1.2, 3.0])

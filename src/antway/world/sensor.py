@@ -63,7 +63,7 @@ class Sensor:
         if 0.0 < self.period < MIN_PERIOD:
             raise BadParameter("period", self.period, f"0 (each control cycle), or at least {MIN_PERIOD:g} (s)")
         checks.fields(self, "dropout", low=0.0, high=1.0)
-        checks.fields(self, "agility", low=0.0, open_low=True, unit="m/s^2")
+        checks.fields(self, "agility", low=0.0, high=MAX_SPEED / MIN_PERIOD, open_low=True, unit="m/s^2")
         checks.choice("velocity", self.velocity, ("exact", "estimated", "none"))
         if not isinstance(self.occlusion, bool):
             raise BadParameter("occlusion", self.occlusion, "true or false")
@@ -89,15 +89,12 @@ class Scanner:
         self.plain = sensor.dropout == sensor.noise == sensor.velocity_noise == 0.0 and sensor.velocity == "exact"
         if not self.plain:
             self.tracker, self.covariance = np.full((count, 8), math.nan), np.empty((count, 4, 4))
-        self.direct = sensor.period == sensor.latency == 0.0
         self.scans, self.due = 0, 0.0
         self.in_transit: deque[Scan] = deque()
         self.latest = Scan(-math.inf, Tracks.none(), np.empty(0, np.int64))
 
     def observe(self, t: float, x: float, y: float) -> Scan:
         """Return what the robot at (x, y) m knows at t s."""
-        if self.direct:
-            return self._scan(t, x, y)
         if t >= self.due - 1e-9:
             self.in_transit.append(self._scan(t, x, y))
             if self.sensor.period > 0.0:
