@@ -65,7 +65,7 @@ def test_a_replay_may_have_a_heading(hall: Path) -> None:
     plain = load_scenario(hall)
     track = hall.parent / "track.csv"
     numbers = track.read_text()
-    for heading in ("t, x, y\n", "\n  \nt,x,y\n\n", "# of the camera\nT,X,Y\n# in s and m\n", "# t,x,y\n"):
+    for heading in ("t, x, y\n", "\n  \nt,x,y\n\n", "# of the camera\nT,X,Y\n# in s and m\n", "# t,x,y\n", "t,x,y # s, m\n"):
         track.write_text(heading + numbers)
         assert load_scenario(hall).world.obstacles[1] == plain.world.obstacles[1]
     for wrong in ("t,y,x\n", "t,x,y\nt,x,y\n"):
@@ -145,6 +145,7 @@ def test_a_map_that_says_more_than_a_scenario_needs_is_kept(tmp_path: Path) -> N
         ("end = [5, 1]", "end = [5]", r"obstacles\[0\]\.end"),
         ('motion = "line"', 'motion = "fly"', r"obstacles\[0\]\.motion .*line, back-and-forth"),
         ("radius = 0.2", "", r"obstacles\[1\]\.radius"),
+        ("radius = 0.2", "radius = 1e300", r"obstacles\[1\]\.radius"),
         ("track.csv", "../track.csv", r"obstacles\[1\]\.file"),
         ("track.csv", "hall.txt", r"obstacles\[1\]\.file"),
         ("hall.txt", "/etc/passwd", "map"),

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario, TooLarge
 from antway.grid import Grid
-from antway.limits import MAX_TIME
+from antway.limits import MAX_PLACE, MAX_TIME
 from antway.maps import load_map, save_map
 from antway.reading import opened, read_toml_file
 from antway.scenes import shipped
@@ -211,7 +211,8 @@ def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
         raise BadScenario(name, record, "a table", where=where)
     values = dict(record)
     check_keys(values, name, tuple(values), ("radius", "motion"), where)
-    radius = checks.number(f"{name}.radius", values.pop("radius"), low=0, open_low=True, unit="m", where=where)
+    limits: dict[str, Any] = {"low": 0.0, "high": MAX_PLACE, "open_low": True, "unit": "m"}
+    radius = checks.number(f"{name}.radius", values.pop("radius"), **limits, where=where)
     kind = MOTIONS[checks.choice(f"{name}.motion", values.pop("motion"), MOTIONS, where=where)]
     if kind is Replay and "file" in values:
         check_keys(values, name, ("file",), (), where)
@@ -230,7 +231,7 @@ def _read_csv(file: Path, name: str, where: str) -> NDArray[np.float64]:
         try:
             rows = (line for line in io.TextIOWrapper(lines, encoding="utf-8-sig") if line.partition("#")[0].strip())
             first = next(rows, "")
-            heading = first.replace(" ", "").strip().lower() == "t,x,y"
+            heading = first.partition("#")[0].replace(" ", "").strip().lower() == "t,x,y"
             return np.loadtxt(rows if heading else chain((first,), rows), delimiter=",", ndmin=2, max_rows=MAX_KNOTS + 1)
         except ValueError as error:
             raise BadScenario(name, str(error), "CSV lines t,x,y in s and m", where=where) from None
