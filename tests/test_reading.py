@@ -150,7 +150,8 @@ def test_tracks_far_away_are_refused(tmp_path):
 
 def test_a_heading_may_be_left_out(tmp_path):
     """The first line of a recording is a heading or the first row."""
-    for heading in ("t,id,x,y\n", "", "# t,id,x,y\n", "# by hand, t in s\n# or so\n", "# by hand\nt,id,x,y\n"):
+    plain = "t,id,x,y\n", "", "# t,id,x,y\n", "# by hand, t in s\n# or so\n", "# by hand\nt,id,x,y\n"
+    for heading in (*plain, "  # by hand\nt,id,x,y\n", "t,id,x,y # in s and m\n", "1,1,1,0 # a row\n"):
         for one in ("1e0", "1.0E+00"):
             (tmp_path / "t.csv").write_text(f"{heading}{one},1,1,0\n0,1,0,0\n")
             assert read_tracks(str(tmp_path / "t.csv")).tolist() == [[0.0, 1.0, 0.0, 0.0], [1.0, 1.0, 1.0, 0.0]]

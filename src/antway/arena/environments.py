@@ -181,10 +181,12 @@ def _read_table(file: str, comma: bool) -> NDArray[np.float64]:
         try:
             lines = _lines(io.TextIOWrapper(data, encoding="utf-8-sig"))
             # The heading may stand in a comment, as NumPy writes it; other comments say nothing.
-            says = ((n, line) for n, line in lines if line.strip() and (line[0] != "#" or {*_COLUMNS} <= {*_names(line)}))
+            says = (
+                (n, line) for n, line in lines if line.strip() and (line.lstrip()[0] != "#" or {*_COLUMNS} <= {*_names(line)})
+            )
             first = next(says, (0, ""))
-            heading, named = first[1], _names(first[1])
-            skip = comma and any(c.isalpha() for c in heading.lower().replace("e", ""))
+            named = _names(first[1])
+            skip = comma and any(c.isalpha() for c in "".join(named).replace("e", ""))
             missing = [name for name in _COLUMNS if name not in named]
             if skip and missing:
                 raise ValueError(f"a heading without {', '.join(missing)}")
@@ -231,7 +233,7 @@ def _rows(lines: Iterable[tuple[int, str]], numbers: list[int]) -> Iterator[str]
 
 def _names(heading: str) -> list[str]:
     """Return the names of the columns in a heading."""
-    return [name.strip(" \"'\r\n#").lower() for name in heading.split(",")]
+    return [name.strip(" \"'\r\n").lower() for name in heading.lstrip("# \t").partition("#")[0].split(",")]
 
 
 def walks(table: NDArray[np.float64], file: str) -> list[NDArray[np.float64]]:
