@@ -211,8 +211,8 @@ def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
         raise BadScenario(name, record, "a table", where=where)
     values = dict(record)
     check_keys(values, name, tuple(values), ("radius", "motion"), where)
-    limits: dict[str, Any] = {"low": 0.0, "high": MAX_PLACE, "open_low": True, "unit": "m"}
-    radius = checks.number(f"{name}.radius", values.pop("radius"), **limits, where=where)
+    given = values.pop("radius")
+    radius = checks.number(f"{name}.radius", given, low=0, high=MAX_PLACE, open_low=True, unit="m", where=where)
     kind = MOTIONS[checks.choice(f"{name}.motion", values.pop("motion"), MOTIONS, where=where)]
     if kind is Replay and "file" in values:
         check_keys(values, name, ("file",), (), where)
