@@ -9,7 +9,7 @@ export PYTHONDONTWRITEBYTECODE :=
 CORE   := $(VENV)/.core
 READY  := $(VENV)/.ready
 
-.PHONY: demo browser ros warm test check tests nightly bounds plain clean
+.PHONY: demo browser ros warm test check lint docs tests nightly bounds plain clean
 
 $(CORE): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -44,11 +44,15 @@ ros:
 	     && echo "$(ROS)" > .venv-ros/bin/.ready; } \
 	|| echo "no ROS 2 wheels for this machine, or no network: the tests of the ROS 2 node will be skipped"
 
-check: $(READY)
+check: lint docs
+
+lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: $(READY)
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 
 # Kernels that are compiled before the tests are compiled once, not by each of two processes that need them. They are compiled
@@ -56,10 +60,11 @@ check: $(READY)
 warm: $(CORE)
 	@PYTHONPATH=src $(BIN)/python -m antway warmup
 
-# What the tests need is installed and compiled side by side, and what is checked is checked beside that.
+# What the tests need is installed and compiled side by side, and the code is checked beside that, the documentation beside the
+# tests, so that no core has nothing to do.
 test:
-	@$(MAKE) --no-print-directory -j4 warm browser ros check
-	@$(MAKE) --no-print-directory tests
+	@$(MAKE) --no-print-directory -j4 warm browser ros lint
+	@$(MAKE) --no-print-directory -j2 docs tests
 
 # Three workers on two cores: many tests wait for processes, pages and sockets. conftest.py says which files begin.
 tests: $(READY)

@@ -16,7 +16,7 @@ from antway.search.derived import NEIGHBOURS
 from antway.search.distance_field import dijkstra
 from antway.search.jps import jps
 from antway.search.subgoals import prepare, subgoals
-from common import cases, pick, solvable
+from common import cases, costly, pick, solvable
 
 
 @pytest.mark.parametrize("moves", NEIGHBOURS)
@@ -48,7 +48,7 @@ def test_many_queries_on_a_prepared_map() -> None:
     rng = np.random.default_rng(12)
     for size in (2, 24):
         grid = Grid(np.kron(rng.random((size, size + 9)) < 0.2, np.ones((4, 4), dtype=bool)), 0.5)
-        starts, goals = pick(rng, grid, cases(600, 5000)), pick(rng, grid, cases(600, 5000))
+        starts, goals = pick(rng, grid, costly(600, 5000)), pick(rng, grid, costly(600, 5000))
         plain = solve_many(Grid(grid.blocked, 0.5), starts, goals)
         assert prepare(grid)
         routes = solve_many(grid, starts, goals)
