@@ -154,10 +154,16 @@ def array(
     shape: tuple[int | None, ...],
     *,
     finite: bool = True,
+    low: float = -math.inf,
+    high: float = math.inf,
+    unit: str = "",
     error: type[BadInput] = BadParameter,
     where: str = "",
 ) -> NDArray[np.float64]:
-    """Return `value` as a fresh read-only float64 array of `shape` (None: any length); finite unless said otherwise."""
+    """Return `value` as a fresh read-only float64 array of `shape` (None: any length), with no number outside [low, high].
+
+    All numbers are finite unless said otherwise.
+    """
     wanted = "x".join("N" if n is None else str(n) for n in shape)
     try:
         if np.iscomplexobj(cast(Any, value)):
@@ -169,6 +175,10 @@ def array(
         raise error(f"{field}.shape", result.shape, wanted, where=where)
     if finite and not np.isfinite(result).all():
         raise error(field, float(result[~np.isfinite(result)][0]), "finite throughout", where=where)
+    outside = (result < low) | (result > high)
+    if outside.any():
+        allowed = f"numbers{_range(low, high, False)}{f' ({unit})' if unit else ''}"
+        raise error(field, float(result[outside][0]), allowed, where=where)
     result.flags.writeable = False
     return result
 

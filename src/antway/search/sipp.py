@@ -324,14 +324,10 @@ def checked_trajectories(obstacles: Trajectories) -> records.Trajectories:
     """Return the motions of K discs as kernels use them, if the arrays fit together."""
     if not all(hasattr(obstacles, name) for name in ("radius", "knot_t", "knot_xy", "first")):
         raise BadParameter("obstacles", obstacles, "trajectories such as a Timeline: radius, knot_t, knot_xy, first; or None")
-    radius = checks.array("obstacles.radius", obstacles.radius, (None,))
+    radius = checks.array("obstacles.radius", obstacles.radius, (None,), low=0.0, high=MAX_PLACE, unit="m")
     knot_t = checks.array("obstacles.knot_t", obstacles.knot_t, (None,))
-    knot_xy = checks.array("obstacles.knot_xy", obstacles.knot_xy, (len(knot_t), 2))
+    knot_xy = checks.array("obstacles.knot_xy", obstacles.knot_xy, (len(knot_t), 2), low=-MAX_PLACE, high=MAX_PLACE, unit="m")
     first = checks.raw("obstacles.first", obstacles.first, f"int64[{len(radius) + 1}], one more than radius")
-    for name, lengths, least in (("radius", radius, 0.0), ("knot_xy", knot_xy, -MAX_PLACE)):
-        wrong = (lengths < least) | (lengths > MAX_PLACE)
-        if wrong.any():
-            raise BadParameter(f"obstacles.{name}", float(lengths[wrong][0]), f"in [{least:g}, {MAX_PLACE:g}] (m)")
     if not np.issubdtype(first.dtype, np.integer) or first.shape != (len(radius) + 1,):
         raise BadParameter("obstacles.first", first, f"int64[{len(radius) + 1}], one more than radius")
     first = first.astype(np.int64)  # differences of unsigned numbers are never below 0

@@ -37,14 +37,10 @@ def stop_at_corners(points: ArrayLike, robot: RobotSpec) -> Motion:
     >>> round(stop_at_corners([(0.0, 0.0), (4.0, 0.0)], robot).time, 9)
     5.0
     """
-    xy = checks.array("points", points, (None, 2))
+    xy = without_repeats(checks.array("points", points, (None, 2), low=-MAX_PLACE, high=MAX_PLACE, unit="m"))
     checks.instance("robot", robot, RobotSpec)
     if len(xy) == 0:
         raise BadParameter("points", 0, "at least 1 point")
-    far = np.abs(xy) > MAX_PLACE
-    if far.any():
-        raise BadParameter("points", float(xy[far][0]), f"in [{-MAX_PLACE:g}, {MAX_PLACE:g}] (m)")
-    xy = without_repeats(xy)
     limits, legs = finite_limits(robot), np.diff(xy, axis=0)
     if robot.drive == "ackermann" and len(legs) > 1:
         raise BadParameter("points", len(xy), "2 points with an ackermann drive, which cannot turn in place")

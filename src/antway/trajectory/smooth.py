@@ -132,8 +132,8 @@ def smooth(
     trials = checks.integer("trials", trials, low=1, high=10_000)
     if not len(path.cells):
         return Smoothed(path.status, None, elapsed=time.perf_counter() - started, reason="the plan has no path")
-    for places in (path.cells, path.cells if path.points is None else path.points):
-        if not ((places >= -0.5) & (places <= np.array(grid.shape) - 0.5)).all():
+    for places in (path.cells, path.points):
+        if places is not None and not ((places >= -0.5) & (places <= np.array(grid.shape) - 0.5)).all():
             raise BadParameter("grid.shape", grid.shape, "that of a map with all cells and points of the path")
     if path.length > _LONGEST:
         raise TooLarge("path.length", path.length, f"at most {_LONGEST:g} m")

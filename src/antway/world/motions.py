@@ -282,11 +282,9 @@ def _points(motion: object, *names: str) -> None:
 
 def _track(motion: Waypoints | Replay) -> None:
     """Check the places `points` of a motion."""
-    points = checks.array("points", motion.points, (None, 2))
+    points = checks.array("points", motion.points, (None, 2), low=-MAX_PLACE, high=MAX_PLACE, unit="m")
     if not 1 <= len(points) <= MAX_KNOTS:
         raise BadParameter("points.length", len(points), f"in [1, {MAX_KNOTS}]")
-    far = float(points.flat[int(np.abs(points).argmax())])
-    checks.number("points", far, low=-MAX_PLACE, high=MAX_PLACE, unit="m")
     object.__setattr__(motion, "points", tuple(map(tuple, points.tolist())))
 
 
