@@ -7,6 +7,7 @@ import pickle
 import subprocess
 import sys
 from collections import Counter
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 
@@ -819,3 +820,22 @@ def test_fewer_ants_are_for_one_cycle_alone() -> None:
     policy.step_ants(2, lambda: policy.act(Observation(0.0, task.start, (0.0, 0.0), 0.0, Tracks.none())))
     after = policy.state.settings
     assert (after.expansions, after.improvement_expansions) == (before.expansions, before.improvement_expansions)
+
+
+@pytest.mark.parametrize("robot", ["holonomic", "diff"])
+def test_a_copy_of_an_episode_runs_without_compiling_anything(robot: str) -> None:
+    """The page looks at the ants of a copy, whose map could be written to: all kernels were compiled for it once more."""
+    policy = AntwayPolicy()
+    episode = Episode(load_scenario("office").driven_by(load_robot(robot)), policy, seed=0)
+    for _ in range(3):
+        episode.step()
+        policy.explain()
+    shared = episode.scenario, episode.stage.task, episode.stage.timeline
+    twin, ants = deepcopy((episode, policy), {id(thing): thing for thing in shared})
+    episode.step()
+    policy.explain()
+    before = jit.compile_seconds()
+    twin.step()
+    ants.explain()
+    assert jit.compile_seconds() == before
+    assert twin.stage.command[3].tolist() == episode.stage.command[3].tolist()

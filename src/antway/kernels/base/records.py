@@ -51,6 +51,10 @@ class Terrain(NamedTuple):
     y0: float
     resolution: float  # m; edge of a cell
 
+    def __deepcopy__(self, memo: object) -> Terrain:
+        """Return itself: nothing writes to a map. Copies of its arrays could be written to, and kernels be compiled for them."""
+        return self
+
 
 class Walls(NamedTuple):
     """A `Terrain` with the distances to its walls."""
@@ -60,6 +64,10 @@ class Walls(NamedTuple):
     x0: float  # m; x and y of the outer corner of cell (0, 0)
     y0: float
     resolution: float  # m; edge of a cell
+
+    def __deepcopy__(self, memo: object) -> Walls:
+        """Return itself, as `Terrain` does."""
+        return self
 
 
 class Trajectories(NamedTuple):
