@@ -52,7 +52,7 @@ class Terrain(NamedTuple):
     resolution: float  # m; edge of a cell
 
     def __deepcopy__(self, memo: object) -> Terrain:
-        """Return itself: nothing writes to a map. Copies of its arrays could be written to, and kernels be compiled for them."""
+        """Return itself: nothing writes to a map. Kernels would be compiled anew for copies, which could be written to."""
         return self
 
 

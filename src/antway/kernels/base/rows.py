@@ -16,3 +16,10 @@ def copy_row(source: NDArray[np.generic], into: NDArray[np.generic]) -> None:
     """
     for k in range(len(into)):
         into[k] = source[k]
+
+
+@bare_kernel
+def copy_rows(source: NDArray[np.generic], into: NDArray[np.generic]) -> None:
+    """Copy `source`, [N, M], to `into`, [N, M]."""
+    for k in range(len(into)):
+        copy_row(source[k], into[k])

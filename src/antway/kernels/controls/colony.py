@@ -15,6 +15,7 @@ from antway.kernels.base.arrays import Floats, Ints
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.base.rng import State, next_bits, uniform
+from antway.kernels.base.rows import copy_rows
 from antway.kernels.controls.abreast import judge_all
 from antway.kernels.controls.lattice import ControlLattice, best_arcs
 from antway.kernels.controls.motion import within_limits
@@ -164,7 +165,7 @@ def refill(archive: Archive, lattice: ControlLattice, problem: ControlProblem, m
     """Fill the archive for a new problem: with its best sequences, up to `most`, then the best arcs, then the seeds."""
     n = min(archive.used[0], most)
     for i in range(n):
-        archive.ants[i] = archive.sequence[archive.order[i]]
+        copy_rows(archive.sequence[archive.order[i]], archive.ants[i])
     archive.used[0] = 0
     take(archive, n, problem)
     n = 0
@@ -189,6 +190,6 @@ def forage(
         for i in range(colony.ants):
             draw(archive, i, colony, problem.limits, state)
         take(archive, colony.ants, problem)
-    archive.ants[0, 1:] = archive.sequence[archive.order[0], :-1]
+    copy_rows(archive.sequence[archive.order[0], :-1], archive.ants[0, 1:])
     archive.ants[0, 0] = 0.0  # the best sequence a period later; until then the robot brakes
     take(archive, 1, problem)

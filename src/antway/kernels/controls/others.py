@@ -10,6 +10,7 @@ import numpy as np
 from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State, below
+from antway.kernels.base.rows import copy_rows
 from antway.kernels.controls.abreast import judge_all
 from antway.kernels.controls.colony import Archive, ControlColonySettings, insert, refill, vary
 from antway.kernels.controls.lattice import ControlLattice
@@ -68,17 +69,18 @@ def average(
     mean, spread, block = averaging.mean, averaging.spread, archive.block
     drawn, cost = archive.ants[: colony.ants], archive.ant_cost[: colony.ants]
     refill(archive, lattice, problem, 1)
-    mean[:] = archive.sequence[archive.order[0]]
+    copy_rows(archive.sequence[archive.order[0]], mean)
     spread[:, 0], spread[:, 1] = colony.wide
     for _ in range(colony.rounds):
         for i in range(colony.ants):
             if i == 0:
-                drawn[i] = mean
+                copy_rows(mean, drawn[i])
             else:
                 vary(drawn[i], mean, spread, 1.0, (0.0, 0.0), block, problem.limits, state)
         judge_all(drawn, problem, math.inf, cost)
         _average_of_round(averaging, drawn, cost, block, colony.least)
-    archive.used[0], archive.ants[colony.ants] = 0, mean
+    archive.used[0] = 0
+    copy_rows(mean, archive.ants[colony.ants])
     judge_all(archive.ants[colony.ants : colony.ants + 1], problem, math.inf, archive.ant_cost[colony.ants :])
     insert(archive, colony.ants)
 
@@ -97,7 +99,7 @@ def restart(
     refill(archive, lattice, problem, 1)
     spread[:, 0], spread[:, 1] = colony.wide
     best, cost = archive.cost[archive.order[0]], archive.ant_cost[: colony.ants]
-    averaging.mean[:] = archive.sequence[archive.order[0]]
+    copy_rows(archive.sequence[archive.order[0]], averaging.mean)
     for _ in range(colony.rounds):
         for i in range(colony.ants):
             guide = archive.sequence[archive.order[below(state, archive.used[0])]]
@@ -105,7 +107,8 @@ def restart(
         judge_all(archive.ants[: colony.ants], problem, best, cost)
         if cost.min() < best:
             best = cost.min()
-            averaging.mean[:] = archive.ants[cost.argmin()]
+            copy_rows(archive.ants[cost.argmin()], averaging.mean)
     archive.used[0] = 0
-    archive.ants[0], cost[0] = averaging.mean, best
+    cost[0] = best
+    copy_rows(averaging.mean, archive.ants[0])
     insert(archive, 0)

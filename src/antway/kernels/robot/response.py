@@ -132,7 +132,8 @@ def learn(
                 miss_a, miss_b = math.hypot(miss_a, miss_b / limits.v_max), 0.0
             else:
                 miss_b /= limits.turn_rate
-            error[:, i, k] *= memory
+            for kind in (GROWS, SLOWS, TURNS):
+                error[kind, i, k] *= memory
             error[SLOWS if slows else GROWS, i, k] += miss_a * miss_a
             error[TURNS, i, k] += miss_b * miss_b
             if i == 0 and k == 0 and error[:, 0, 0].sum() < _RIGHT:

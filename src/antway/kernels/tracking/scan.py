@@ -7,6 +7,7 @@ from typing import NamedTuple
 from antway.kernels.base.arrays import Bools, Floats, Ints
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import Terrain
+from antway.kernels.base.rows import copy_rows
 from antway.kernels.tracking import kalman
 from antway.kernels.tracking.averages import averaged
 from antway.kernels.tracking.changes import velocity_changes
@@ -60,10 +61,11 @@ def take_in(
     kalman.bounce(rows, used, terrain, t, track_id, xy, velocity, variance)
     n, fastest, measured = kalman.update(rows, used, t, *scan, agility, out.estimates)
     estimates, seen, changes, best = out.estimates[:n], out.seen[:n], out.changes[:n], out.averaged[:n]
-    seen[:] = rows[:n, kalman.T] == t
+    for k in range(n):
+        seen[k] = rows[k, kalman.T] == t
     velocity_changes(known.compared, known.turns, estimates, seen, terrain, t, changes)
     if averages:
         averaged(known.averages, known.pool, estimates, seen, changes, t, restart, best)
     else:
-        best[:] = estimates
+        copy_rows(estimates, best)
     return n, fastest, measured, crosses_edge(estimates[seen], terrain)
