@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import cmath
 import itertools
 import math
 
 import numpy as np
 
-from antway.kernels.base.records import RobotLimits
+from antway.kernels.base.records import RobotLimits, RobotState
 from antway.kernels.controls.problem import ControlProblem, StaticField
 from antway.kernels.controls.seeds import descend, downhill
 from antway.kernels.robot.motion import drive_cycle
@@ -42,8 +43,18 @@ def _shares(parts: int) -> list[float]:
     return [(k + 1) / parts for k in range(parts)]
 
 
-def _footprint_wall(xy: np.ndarray, theta: float, field: StaticField) -> float:
-    """Distance in m from walls of the disc around a footprint or, if that is more, of the smaller discs that cover it."""
+def _on_the_way(before: np.ndarray, heading: float, now: RobotState, theta: float, share: float) -> tuple[np.ndarray, float]:
+    """Place and heading after a share of a step along a circle that turns by the change of the heading."""
+    half = math.remainder(theta - heading, math.tau) / 2.0
+    part = share if half == 0.0 else math.sin(share * half) / math.sin(half)
+    along = complex(now.x - before[0], now.y - before[1]) * part * cmath.exp(1j * (share - 1.0) * half)
+    return before + np.array([along.real, along.imag]), heading + share * 2.0 * half
+
+
+def _wall_at(xy: np.ndarray, theta: float, field: StaticField) -> float:
+    """Distance in m from walls of the disc around the robot or, if that is more, of the smaller discs that cover it."""
+    if not len(field.discs):
+        return bilinear(field.wall, *xy, field.wall_frame)
     centres = xy + field.discs[:, :2] @ turned(theta)
     smaller = min(bilinear(field.wall, *at, field.wall_frame) + less for at, less in zip(centres, field.discs[:, 2]))
     return max(bilinear(field.wall, *xy, field.wall_frame), smaller)
@@ -63,10 +74,10 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
         if not limits.drive:  # without wheels a footprint keeps its heading
             theta = heading = state.theta
         decay = math.exp(-w.decay * k * dt)
-        wall = bilinear(field.wall, x, y, field.wall_frame)
-        if len(field.discs):  # without wheels every 2 cm that it moves
-            parts = 1 if limits.drive else max(math.ceil(math.dist((x, y), before) / 0.02), 1)
-            wall = min(_footprint_wall(before + s * ([x, y] - before), theta, field) for s in _shares(parts))
+        long, boxed = limits.v_max * dt > 0.11, len(field.discs) > 0  # longer steps are judged every 11 cm
+        spacing = 0.02 if boxed and not limits.drive else 0.11 if long else math.inf  # without wheels a footprint every 2 cm
+        parts = max(math.ceil(math.dist((x, y), before) / spacing), 1)
+        wall = min(_wall_at(*_on_the_way(before, heading, now, theta, s), field) for s in _shares(parts))
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
         elif wall < w.wall_margin + w.wall_range:

@@ -16,7 +16,7 @@ from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.afterwards import cost_afterwards
-from antway.kernels.controls.lookup import clearance, clearance_within, reaches, turning_loss
+from antway.kernels.controls.lookup import COARSE, clearance, clearance_within, reaches, turning_loss
 from antway.kernels.controls.motion import MotionState, motion_state, step
 from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, Batch, ControlProblem, StaticField, near_at
 from antway.kernels.controls.rollout import is_too_dear, lost_time, obstacle_cost, stop_behind_wall
@@ -80,20 +80,25 @@ def _sample(value: Floats, n: int, field: NDArray[np.float32], frame: Floats) ->
 
 @inner_kernel
 def wall_distances(value: Floats, n: int, problem: ControlProblem, enough: float) -> None:
-    """Write to WALL what `clearance` returns for the first n rollouts; `clearance_within` for footprints without wheels.
+    """Write to WALL what `clearance` returns for the first n rollouts, or `clearance_within` where steps can be long.
 
-    Robots with wheels go along their heading, and pass narrow corridors sooner without it.
+    For footprints without wheels all steps are. Robots with wheels go along their heading, and pass narrow corridors sooner
+    without it.
     """
-    field, keeps_heading = problem.field, problem.limits.drive == HOLONOMIC
+    field, limits, has_box = problem.field, problem.limits, len(problem.field.discs) > 0
+    keeps_heading = limits.drive == HOLONOMIC
+    within = (keeps_heading and has_box) or limits.v_max * problem.dt > COARSE
     _sample(value, n, field.wall, field.wall_frame)
     for i in range(n):
         value[WALL + i] = value[SAMPLE + i]
-    if len(field.discs) > 0:
+    if within:
         for i in range(n):
-            if keeps_heading:
-                before = MotionState(value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], 0.0, 0.0)
-                value[WALL + i] = clearance_within(field, before, rollout_state(value, i), value[WALL + i], enough)
-            elif value[WALL + i] < enough:
+            before = MotionState(value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], 0.0, 0.0)
+            wall = clearance_within(field, before, rollout_state(value, i), value[WALL + i], enough, keeps_heading)
+            value[WALL + i] = wall
+    elif has_box:
+        for i in range(n):
+            if value[WALL + i] < enough:
                 value[WALL + i] = clearance(field, rollout_state(value, i), enough)
 
 

@@ -15,6 +15,7 @@ from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANC
 
 _DETOUR = 0.1  # 1; a path longer than a straight line by this share of the distance at which `manoeuvre` ends goes round walls
 _FINE = 0.02  # m; this often in a step a footprint that keeps its heading is judged, as its corners can pass those of walls
+COARSE = 0.11  # m; this often in a longer step other robots are judged, as they can pass the corner of a wall between its ends
 _SHORT_TURN = 1.0  # s; a loss to the turning radius up to this is not counted, because rollouts and `lost_time` see short turns
 
 
@@ -107,11 +108,13 @@ def clearance(field: StaticField, at: MotionState, enough: float) -> float:
 
 
 @inner_kernel
-def clearance_within(field: StaticField, before: MotionState, at: MotionState, wall: float, enough: float) -> float:
-    """Return the least distance of a footprint from walls in a step from `before` to `at`, m, if it is below `enough`.
+def clearance_within(
+    field: StaticField, before: MotionState, at: MotionState, wall: float, enough: float, keeps_heading: bool
+) -> float:
+    """Return the least distance of a robot from walls in a step from `before` to `at`, m, if it is below `enough`.
 
-    The footprint keeps its heading. `wall` is the distance of the robot's disc at the end. The start has been judged as the end
-    of the step before.
+    Wheels drive an arc. `wall` is the distance of the robot's disc at the end. The start has been judged as the end of the step
+    before.
     """
     dx, dy = at.x - before.x, at.y - before.y
     moved = math.sqrt(dx * dx + dy * dy)
@@ -120,11 +123,14 @@ def clearance_within(field: StaticField, before: MotionState, at: MotionState, w
     least = clearance(field, at, enough)
     if least >= enough + moved:
         return least
-    parts = math.ceil(moved / _FINE)
+    parts = math.ceil(moved / (_FINE if keeps_heading and len(field.discs) > 0 else COARSE))
+    turn = before.cos * at.sin - before.sin * at.cos  # rad, if it is small
     for k in range(1, parts):
         share = k / parts
-        middle = MotionState(before.x + share * dx, before.y + share * dy, at.cos, at.sin, 0.0, 0.0)
-        least = min(least, clearance(field, middle, enough))
+        bulge = 0.0 if keeps_heading else 0.5 * share * (1.0 - share) * turn  # of the arc beside its chord, as a share of that
+        x, y = before.x + share * dx + bulge * dy, before.y + share * dy - bulge * dx
+        cos, sin = before.cos + share * (at.cos - before.cos), before.sin + share * (at.sin - before.sin)
+        least = min(least, clearance(field, MotionState(x, y, cos, sin, 0.0, 0.0), enough))
     return least
 
 
