@@ -132,7 +132,7 @@ def test_centres_lie_in_their_cells(rows: int, cols: int, resolution: float, x: 
 def test_wrong_points_are_refused_by_name() -> None:
     """Neither texts nor odd numbers of coordinates are points."""
     grid = Grid(np.zeros((3, 3), dtype=bool))
-    for wrong in ("abc", [1, 2, 3], [[1, 2], [3]], None):
+    for wrong in ("abc", [1, 2, 3], [[1, 2], [3]], None, [("1", "2")], [(10**400, 0)], [(1j, 0)]):
         for convert, name in ((grid.to_xy, "points"), (grid.to_points, "xy")):
             with pytest.raises(BadParameter, match=name):
                 convert(wrong)

@@ -329,8 +329,12 @@ def test_scen_faults(tmp_path: Path) -> None:
     (tmp_path / "a.scen").write_text("version 1.0 \n\n3\ta map.map\t4\t3\t3\t2\t0\t1\t4.5e0\t\n0 b 4 3 0 0 0 0 1\n")
     first, second = load_scen(tmp_path / "a.scen", limits=Limits(rows=3))
     assert first == (3, "a map.map", 4, 3, (2, 3), (1, 0), 4.5) and second.map == "b"
-    with pytest.raises(TooLarge, match="rows"):
-        load_scen(tmp_path / "a.scen", limits=Limits(rows=2))
+    for text in ("version 1.0 \n\n3\ta\n0 b\n", "version 1\n3 a\n0 b\n1 c"):
+        (tmp_path / "b.scen").write_text(text)
+        with pytest.raises(TooLarge, match="rows = 3: must be at most 2"):
+            load_scen(tmp_path / "b.scen", limits=Limits(rows=2))
+    (tmp_path / "b.scen").write_text("version 1\n0 b 4 3 0 0 0 0 1\n\n\n")
+    assert len(load_scen(tmp_path / "b.scen", limits=Limits(rows=1))) == 1, "what is empty behind the last row is no row"
     with pytest.raises(BadParameter, match="limits"):
         load_scen(tmp_path / "a.scen", limits=3)  # type: ignore[arg-type]
     (tmp_path / "a.scen").write_text("version 2\n")

@@ -124,6 +124,7 @@ def test_limits_can_be_set(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("...\n...\n")
     assert load_map(path, limits=Limits(cells=6)).shape == (2, 3)
+    assert load_map(path, limits=Limits(cells=np.int8(120))).shape == (2, 3), "three times as many bytes are no int8"
     with pytest.raises(TooLarge, match="at most 5 cells"):
         load_map(path, limits=Limits(cells=5))
 

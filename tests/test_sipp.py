@@ -468,6 +468,8 @@ def test_a_goal_in_a_cell_that_no_move_leads_from():
     for tolerance in (0.0, 0.1):
         there = sipp(cell, (0.5, 0.5), (0.5, 0.5), radius=0.3, v_max=1.0, goal_tolerance=tolerance)
         assert there.status is Status.FOUND and there.arrival == 0.0
+    with pytest.raises(CellBlocked, match=r"at the centre of a cell within 0\.1 m"):
+        sipp(cell, (0.5, 0.5), (0.9, 0.9), radius=0.3, v_max=1.0, goal_tolerance=0.1)
 
 
 def test_paths_that_take_too_long_are_no_proof() -> None:

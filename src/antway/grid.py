@@ -322,8 +322,11 @@ def checked_cell(name: str, value: object) -> Cell:
 
 def _pairs(name: str, value: ArrayLike) -> NDArray[np.float64]:
     try:
-        pairs = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        pairs = np.asarray(value)
+        if pairs.dtype.kind in "USc":
+            raise TypeError  # NumPy would read numbers in texts, and drop imaginary parts
+        pairs = pairs.astype(np.float64, copy=False)
+    except (TypeError, ValueError, OverflowError):
         pairs = np.empty(1)
     if pairs.size and (pairs.shape[-1:] != (2,) or pairs.ndim > 2):
         raise BadParameter(name, value, "pairs of numbers, float[N, 2]")

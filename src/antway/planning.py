@@ -263,9 +263,9 @@ class TimedPath:
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", checks.array("t", self.t, (None,), finite=False))
         object.__setattr__(self, "xy", checks.array("xy", self.xy, (len(self.t), 2), finite=False))
-        falls = self.t[1:] < self.t[:-1] - 1e-6
-        if falls.any():
-            raise BadParameter("t", float(self.t[1:][falls][0]), "increasing (s)")
+        rises = self.t[1:] >= self.t[:-1] - 1e-6  # False for NaN
+        if not rises.all():
+            raise BadParameter("t", float(self.t[1:][~rises][0]), "increasing (s)")
 
     def __reduce__(self) -> tuple[object, ...]:
         return TimedPath, (self.t, self.xy)

@@ -42,8 +42,7 @@ class Limits:
     rows: int = 2**18
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            checks.integer(field.name, getattr(self, field.name), low=1)
+        checks.counts(self, *(field.name for field in fields(self)), low=1)
 
     def check_shape(self, rows: int, cols: int, where: Path) -> None:
         """Raise `BadMap` for a map without cells and `TooLarge` for one with more than `cells`."""

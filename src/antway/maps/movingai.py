@@ -70,8 +70,9 @@ def load_scen(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> list[Sc
     where = str(path)
     with opened(path, min(limits.file_bytes, 256 * limits.rows), error=BadScenario) as (file, _):
         data = text.unify(file.read())
-    if data.count(b"\n") > limits.rows + 1:
-        raise TooLarge("rows", data.count(b"\n"), f"at most {limits.rows}", where=where)
+    rows = data.rstrip(b"\n").count(b"\n")
+    if rows > limits.rows:
+        raise TooLarge("rows", rows, f"at most {limits.rows}", where=where)
     first, *lines = decoded(data, where, error=BadScenario).split("\n")
     if re.fullmatch(r"version[ \t]+1(\.0*)?[ \t]*", first) is None:
         raise BadScenario("line 1", first, "'version 1'", where=where)

@@ -271,7 +271,8 @@ class Sipp:
             cells = [(int(r), int(c)) for r, c in free[away <= tolerance]]
         cells = [cell for cell in cells if self._stands(*cell)]
         if not cells:
-            raise CellBlocked("goal", xy, f"where a disc of {self.radius:g} m is free of walls")
+            near = f" at the centre of a cell within {tolerance:g} m" if tolerance > 0.0 else ""
+            raise CellBlocked("goal", xy, f"where a disc of {self.radius:g} m is free of walls{near}")
         return cells
 
 
