@@ -372,6 +372,24 @@ def test_trails_keep_within_their_limits() -> None:
     assert trails.tau[slot(trails, key)] == pytest.approx(before + 2.0, abs=1e-6)
 
 
+def test_an_edge_is_kept_in_one_of_sixteen_slots() -> None:
+    """In the first of them that is free, from the end of the table on at its beginning; where none is free nothing is laid."""
+    trails = make_trails(100)
+    keys = {slot(trails, key): key for key in range(6400)}
+    for home in (min(keys), max(keys)):
+        trails.key[:] = -1
+        places = [(home + i) % TRAILS for i in range(16)]
+        for i, place in enumerate(places):
+            assert slot(trails, keys[home]) == place
+            trails.key[place] = 6400 * (i + 1)
+        assert slot(trails, keys[home]) == -1
+        lay(trails, keys[home], 1.0)
+        assert not trails.tau.any() and not trails.mark.any()
+        trails.key[places[-1]] = keys[home]
+        assert slot(trails, keys[home]) == places[-1]
+    assert max(keys) > TRAILS - 16
+
+
 @pytest.mark.parametrize("clock", [-1e6, -0.7, 2.0**15, 1.7e9, 1e12])
 def test_pheromone_is_kept_by_every_clock(clock: float) -> None:
     """Before the time 0 no edge used to keep any."""

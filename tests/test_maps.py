@@ -319,6 +319,8 @@ def test_scen_faults(tmp_path: Path) -> None:
         ("0 a 4 9999999999 0 0 0 0 1", "height"),
         ("0 a 4 3 0 0 0 0 nan", "length"),
         ("0 a 4 3 0 0 0 0 1e999", "length"),
+        ("0 a 4 3 0 0 0 0 1_0", "length"),
+        ("9999999999 a 4 3 0 0 0 0 1", "bucket"),
         ("0 a 4 3 0 0 0 0", "number of fields"),
         ("-1 a 4 3 0 0 0 0 1", "bucket"),
     ):
@@ -333,8 +335,12 @@ def test_scen_faults(tmp_path: Path) -> None:
         (tmp_path / "b.scen").write_text(text)
         with pytest.raises(TooLarge, match="rows = 3: must be at most 2"):
             load_scen(tmp_path / "b.scen", limits=Limits(rows=2))
-    (tmp_path / "b.scen").write_text("version 1\n0 b 4 3 0 0 0 0 1\n\n\n")
-    assert len(load_scen(tmp_path / "b.scen", limits=Limits(rows=1))) == 1, "what is empty behind the last row is no row"
+    (tmp_path / "b.scen").write_text("version 1\n0 b 4 3 0 0 0 0 0\n\n\n")
+    (row,) = load_scen(tmp_path / "b.scen", limits=Limits(rows=1))  # what is empty behind the last row is no row
+    assert row.length == 0.0
+    (tmp_path / "b.scen").write_text("version 1" + " " * 248)
+    with pytest.raises(TooLarge, match="at most 256 bytes"):
+        load_scen(tmp_path / "b.scen", limits=Limits(rows=1))
     with pytest.raises(BadParameter, match="limits"):
         load_scen(tmp_path / "a.scen", limits=3)  # type: ignore[arg-type]
     (tmp_path / "a.scen").write_text("version 2\n")

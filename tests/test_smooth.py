@@ -61,9 +61,9 @@ def curve(points: np.ndarray, samples: int) -> kernels.Curve:
 
 
 def around(grid: Grid, need: float, points: np.ndarray, discs: tuple = ((0.0, 0.0),)) -> kernels.Surroundings:
-    """All blocked cells of a map as its border."""
+    """All blocked cells of a map as its border, an array of the kind for which the kernels are compiled anyway."""
     ends = np.array([(*points[0], need), (*points[-1], need)])
-    return kernels.Surroundings(grid.blocked, grid.clearance(), grid.resolution, need, ends, np.array(discs), False)
+    return kernels.Surroundings(grid.blocked.copy(), grid.clearance(), grid.resolution, need, ends, np.array(discs), False)
 
 
 def wandering(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -149,7 +149,7 @@ def test_plans_are_bent_and_stay_drivable(name: str) -> None:
     for case in range(cases(4, 400)):
         grid, start, goal = places(rng, robot)
         path = solve(Problem(grid.inflate(robot.radius), start, goal), "jps")
-        answer = smooth(path, robot, grid=grid, trials=100)
+        answer = smooth(path, robot, grid=grid, trials=30)
         asked += 1
         if answer.motion is None:
             assert answer.status is Status.NO_PATH and answer.reason, case
@@ -170,8 +170,8 @@ def test_the_office_is_crossed_at_nearly_full_speed() -> None:
         path = plan(OFFICE, (1.5, 3.0), (22.0, 12.5), robot_radius=0.3)
         answer = smooth(path, ROBOTS[name])
         assert answer.bent and answer.motion.time < 1.02 * answer.bound and answer.motion.time < 0.87 * answer.stop_time
-        again = smooth(path, ROBOTS[name])
-        assert again.motion.xy.tobytes() == answer.motion.xy.tobytes() and again.motion.t.tobytes() == answer.motion.t.tobytes()
+        first, again = (smooth(path, ROBOTS[name], trials=10).motion for _ in range(2))
+        assert again.xy.tobytes() == first.xy.tobytes() and again.t.tobytes() == first.t.tobytes()
 
 
 def test_plans_without_a_path_and_of_one_cell() -> None:
@@ -187,18 +187,18 @@ def test_plans_without_a_path_and_of_one_cell() -> None:
 
 def test_where_no_curve_fits_wheels_turn_in_place() -> None:
     """In the corner of a passage as wide as the robot it stops, turns and drives on; a car finds no motion."""
-    blocked = np.ones((24, 24), dtype=bool)
-    blocked[2:7, 2:21] = blocked[2:21, 16:21] = False  # 0.5 m wide
+    blocked = np.ones((14, 14), dtype=bool)
+    blocked[2:7, 2:12] = blocked[2:12, 7:12] = False  # 0.5 m wide
     grid = Grid(blocked, 0.1)
     robot = replace(DIFF, radius=0.25)
-    path = solve(Problem(grid.inflate(0.25), (4, 4), (18, 18)), "jps")
-    answer = smooth(path, robot, grid=grid)
+    path = solve(Problem(grid.inflate(0.25), (4, 4), (9, 9)), "jps")
+    answer = smooth(path, robot, grid=grid, trials=20)
     check_motion(grid, robot, answer.motion)
     assert not answer.bent and "touches a wall" in answer.reason and answer.motion.time == answer.stop_time
     stands = np.hypot(*answer.motion.velocity.T) == 0.0
     assert np.abs(answer.motion.turn_rate[stands]).max() > 1.0
     car = replace(CAR, footprint=None, radius=0.25)
-    none = smooth(path, car, grid=grid)
+    none = smooth(path, car, grid=grid, trials=20)
     assert none.status is Status.NO_PATH and none.motion is None and none.reason
 
 
@@ -452,7 +452,7 @@ def test_a_body_does_not_drift_over_a_wall() -> None:
 
 def test_the_command_smooths(tmp_path) -> None:
     """`antway plan --smooth` prints, draws and gives the motion as JSON; what it needs and does not take is said."""
-    asked = ["plan", "office", "--start", "1.5,3", "--goal", "22,12.5"]
+    asked = ["plan", "office", "--start", "1.5,3", "--goal", "8.5,7"]
     result = CliRunner().invoke(app, [*asked, "--robot", "diff", "--smooth", "--json", "--out", str(tmp_path / "motion.png")])
     record = json.loads(result.stdout)
     assert result.exit_code == 0 and record["bent"] and record["time"] < record["stop_time"]

@@ -13,10 +13,8 @@ HOLONOMIC = 0
 def clearance(blocked: np.ndarray, size: float, x: float, y: float) -> float:
     """Distance of a point from all blocked squares and the edges of the map, below 0 off it."""
     rows, cols = blocked.shape
-    gaps = [x, y, cols * size - x, rows * size - y]
-    for r, c in np.argwhere(blocked):
-        gaps.append(math.hypot(max(abs(x - (c + 0.5) * size) - size / 2, 0), max(abs(y - (r + 0.5) * size) - size / 2, 0)))
-    return min(gaps)
+    away = np.abs((x, y) - (np.argwhere(blocked)[:, ::-1] + 0.5) * size) - size / 2
+    return min(x, y, cols * size - x, rows * size - y, np.hypot(*np.maximum(away, 0.0).T).min(initial=math.inf))
 
 
 def spline(points: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
