@@ -65,8 +65,7 @@ def nearest(a, b, duration, depart, segments):
     px = x + vx * (low - since) - a[..., 0] - ux * (low - depart)
     py = y + vy * (low - since) - a[..., 1] - uy * (low - depart)
     wx, wy = vx - ux, vy - uy
-    with np.errstate(invalid="ignore", divide="ignore"):
-        when = np.nan_to_num(-(px * wx + py * wy) / (wx * wx + wy * wy))
+    when = -(px * wx + py * wy) / np.maximum(wx * wx + wy * wy, 1e-300)
     when = np.clip(when, 0.0, np.maximum(high - low, 0.0))
     return np.hypot(px + wx * when, py + wy * when)
 
@@ -86,17 +85,20 @@ def unsafe(a, b, duration, segments, contact_radius):
         low, high = np.where(left, low, p), np.where(left, q, high)
     middle = (low + high) / 2
     contact = nearest(a, b, duration, middle, segments) < contact_radius
+    move, piece = np.nonzero(contact)
+    known = a[move, 0], b[move, 0], duration[move, 0]
 
-    def cross(outer, inner):
-        ends_in_contact = nearest(a, b, duration, outer, segments) < contact_radius
-        edge = outer
+    def cross(edge, never):
+        outer, inner, found = edge[contact], middle[contact], np.full(contact.shape, never)
+        ends_in_contact = nearest(*known, outer, segments[piece]) < contact_radius[piece]
         for _ in range(60):
             half = (outer + inner) / 2
-            hit = nearest(a, b, duration, half, segments) < contact_radius
+            hit = nearest(*known, half, segments[piece]) < contact_radius[piece]
             outer, inner = np.where(hit, outer, half), np.where(hit, half, inner)
-        return np.where(ends_in_contact, edge, inner)
+        found[contact] = np.where(ends_in_contact, edge[contact], inner)
+        return found
 
-    return np.where(contact, cross(first, middle), np.inf), np.where(contact, cross(last, middle), -np.inf)
+    return cross(first, np.inf), cross(last, -np.inf)
 
 
 def sipp(mask, offsets, centre, speed, radius, start, goal, trajectories, t0=0.0, horizon=np.inf):
