@@ -381,13 +381,27 @@ def test_an_edge_is_kept_in_one_of_sixteen_slots() -> None:
         places = [(home + i) % TRAILS for i in range(16)]
         for i, place in enumerate(places):
             assert slot(trails, keys[home]) == place
-            trails.key[place] = 6400 * (i + 1)
+            trails.key[place] = 6400 * i
         assert slot(trails, keys[home]) == -1
         lay(trails, keys[home], 1.0)
         assert not trails.tau.any() and not trails.mark.any()
         trails.key[places[-1]] = keys[home]
         assert slot(trails, keys[home]) == places[-1]
-    assert max(keys) > TRAILS - 16
+    assert min(keys) == 0 and max(keys) > TRAILS - 16
+
+
+def test_the_first_edge_and_the_first_slot_are_like_all_others() -> None:
+    """The key of an edge, and its place in the table, may be 0."""
+    trails = make_trails(100)
+    assert window(trails, 10)[2].shape == (0, 0)
+    for key in (0, next(key for key in range(6400) if slot(trails, key) == 0)):
+        trails.key[:] = -1
+        lay(trails, key, 1.0)
+        lay(trails, key, 1.0)
+        row, col = divmod(key // 64, 10)
+        assert trails.mark[key // 64] and (trails.key >= 0).sum() == 1
+        top, left, found = window(trails, 10)
+        assert (top, left, found.tolist()) == (row, col, [[2.0]])
 
 
 @pytest.mark.parametrize("clock", [-1e6, -0.7, 2.0**15, 1.7e9, 1e12])
