@@ -122,7 +122,8 @@ def timed_field(mask: NDArray[np.uint32], moves: Moves, goals: ArrayLike, scale:
     if (cells < 0).any() or (cells >= mask.shape).any():
         raise BadParameter("goals", goals, f"cells of the mask, {mask.shape[0]} x {mask.shape[1]}")
     scale = checks.number("scale", scale, low=0.0, open_low=True)
-    return move_field(mask, moves.offsets, moves.lengths, cells.astype(np.int64)) * scale
+    whole = np.ascontiguousarray(mask)  # for a window the kernel would be compiled anew
+    return move_field(whole, moves.offsets, moves.lengths, cells.astype(np.int64)) * scale
 
 
 class Sipp:
