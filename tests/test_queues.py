@@ -34,7 +34,8 @@ def test_items_leave_a_heap_in_order() -> None:
     """The item taken off has the least key of all, also after keys have decreased, and each knows its place."""
     rng = np.random.default_rng(2)
     for _ in range(cases(20, 500)):
-        key, heap, place, size = rng.integers(0, 99, 40).astype(float), np.full(40, -1), np.full(40, -1), 0
+        key, size = rng.integers(0, 99, 40).astype(float), 0
+        heap, place = np.full((2, 40), -1, np.int32)
         for _ in range(300):
             if not size or rng.random() < 0.6:
                 item = int(rng.integers(40))
