@@ -14,7 +14,7 @@ from antway.kernels.base.records import Predictions
 from antway.kernels.robot.guard import time_to_contact
 from antway.kernels.robot.reach import least_gap
 from antway.kernels.spacetime.ants import _Choices, _draw, deposit
-from antway.kernels.spacetime.memory import HEAP_SIZE, STATE_COUNT, pop, push
+from antway.kernels.spacetime.memory import GENERATION, HEAP_SIZE, STATE_COUNT, pop, push
 from antway.kernels.spacetime.motion import first_conflict, passing, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
@@ -136,7 +136,10 @@ def test_colony_reaches_the_exact_optimum() -> None:
     for _ in range(cases(60, 2000)):
         grid, robot, start, goal, context, segments = local_problem(rng)
         x, y = grid.centre(start)
-        _, _, arrival, bound = colony(context, segments, x, y)
+        memory, _, arrival, bound = colony(context, segments, x, y)
+        opened = memory.stamp == memory.counter[GENERATION]
+        states = memory.counter[STATE_COUNT] if math.isfinite(arrival) else 0
+        assert states <= 1 + memory.intervals[opened].sum(), "each cell is opened once"
         exact = Sipp(grid, grid.centre(goal), radius=robot.radius, v_max=1.0).search((x, y), 0.0, segments)
         if exact.status is Status.FOUND and exact.arrival < 19.0:
             solved += 1
