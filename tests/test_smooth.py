@@ -262,7 +262,7 @@ def test_straight_legs_leave_out_vertices_but_cut_no_wall() -> None:
 
 def test_motions_with_stops_start_with_the_heading_of_the_first_leg() -> None:
     """Wheels do not turn before they have moved; what has a footprint and no wheels keeps the heading of the map."""
-    for name, turns in (("diff", True), ("inertia", True), ("box", False)):
+    for name, turns in (("diff", True), ("jackal", True), ("inertia", True), ("box", False)):
         ahead = stop_at_corners([(1.0, 1.0), (3.0, 1.0)], ROBOTS[name])
         motion = stop_at_corners([(1.0, 1.0), (1.0, 3.0)], ROBOTS[name])
         assert motion.time == pytest.approx(ahead.time) and np.allclose(motion.heading, math.pi / 2 if turns else 0.0)
