@@ -52,13 +52,16 @@ def colony(
     seed=1,
     states=1 << 16,
     distance_weight=0.0,
+    t0=0.0,
+    trails=None,
 ):
     """Search a local problem; returns memory, end state, cost, bound."""
     cells = context.field.size
     memory = make_memory(cells, states, 1 << 18)
     settings = spacetime.AntSettings(leg_cells, BETAS, SLACK, minimum_improvement, 1.0, distance_weight, 0.0)
+    trails = make_trails(cells) if trails is None else trails
     end, arrival, bound = spacetime.search(
-        memory, make_trails(cells), context, Predictions(segments, stopping_time), settings, x, y, 0.0, horizon,
+        memory, trails, context, Predictions(segments, stopping_time), settings, x, y, t0, horizon,
         math.inf, expansions, np.array([seed], np.uint64),
     )  # fmt: skip
     return memory, end, arrival, bound

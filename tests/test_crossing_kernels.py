@@ -266,6 +266,22 @@ def test_same_seed_same_search() -> None:
         assert a.tobytes() == b.tobytes()
 
 
+def test_a_search_does_not_depend_on_the_zero_of_the_clock() -> None:
+    """The colony arrives as long after its start, and lays as much pheromone: at least Q / L on the best path."""
+    rng, found = np.random.default_rng(14), 0
+    for _ in range(cases(6)):
+        grid, _, start, _, context, segments = local_problem(rng)
+        (x, y), t0, trails = grid.centre(start), 1000.0, make_trails(context.field.size)
+        _, end, arrival, _ = colony(context, segments, x, y)
+        later = segments + np.array([t0, t0, 0, 0, 0, 0, 0, 0])
+        _, there, then, bound = colony(context, later, x, y, t0=t0, horizon=20.0 + t0, trails=trails)
+        assert (there < 0) == (end < 0) and (end < 0 or then - t0 == pytest.approx(arrival, abs=0.002))
+        if end > 0:
+            assert t0 + context.field[start[0] * 31 + start[1]] <= bound + 1e-9 and trails.tau.max() >= 0.99 / (then - t0)
+            found += 1
+    assert found
+
+
 def test_place_at_is_linear_between_knots() -> None:
     """The place on a motion is interpolated, and held before and after."""
     knots = np.array([[1.0, 0.0, 0.0], [2.0, 1.0, 0.0], [3.0, 1.0, 0.0], [4.0, 1.0, 2.0]])

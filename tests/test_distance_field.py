@@ -37,9 +37,10 @@ def test_canonical_tables(moves: Moves) -> None:
         assert np.array_equal(derived.lattice(grid, moves).around.reshape(grid.shape), naive.surroundings(grid))
 
 
-def test_early_stops() -> None:
+def test_early_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     """A field with `until` or `within` is exact wherever it is finite, covers what was asked, and nothing farther."""
-    rng = np.random.default_rng(7)
+    rng, early = np.random.default_rng(7), dict.fromkeys(Moves, 0)
+    monkeypatch.setattr("antway.search.best_first.STEPS", 9)
     for moves, _ in itertools.product(Moves, range(cases(40, 400))):
         grid = Grid(solvable(rng, low=2, high=40).blocked, 0.1)
         goal, target = pick(rng, grid, 2)
@@ -48,9 +49,12 @@ def test_early_stops() -> None:
         finite = np.isfinite(partial)
         assert np.array_equal(partial[finite], full[finite])
         assert partial[target] == full[target]
+        assert full[target] == np.inf or (full[~finite] >= full[target]).all()
+        early[moves] += finite.sum() < np.isfinite(full).sum()
         limit = float(rng.choice(full[np.isfinite(full)]))
         near = full <= limit * (1 + 1e-12)  # sums of other moves may differ in their last digit
         assert np.array_equal(distance_field(grid, goal, moves, within=limit), np.where(near, full, np.inf))
+    assert min(early.values()) > 0
 
 
 def test_lists_grow() -> None:
