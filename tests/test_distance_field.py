@@ -54,7 +54,7 @@ def test_early_stops(monkeypatch: pytest.MonkeyPatch) -> None:
         limit = float(rng.choice(full[np.isfinite(full)]))
         near = full <= limit * (1 + 1e-12)  # sums of other moves may differ in their last digit
         assert np.array_equal(distance_field(grid, goal, moves, within=limit), np.where(near, full, np.inf))
-    assert min(early.values()) > 0
+    assert min(early.values()) >= cases(40, 400) // 20
 
 
 def test_lists_grow() -> None:
