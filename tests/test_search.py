@@ -246,9 +246,9 @@ def test_jumps() -> None:
 @pytest.mark.parametrize("moves", Moves)
 def test_heuristics_are_exact_on_empty_maps(moves: Moves) -> None:
     """The heuristic of A* is the exact distance on an empty map."""
-    expected = naive.field(Grid(np.zeros((25, 25), dtype=bool)), [(12, 12)], moves)
-    for row, col in itertools.product(range(4, 21), repeat=2):
-        assert math.isclose(gauge(row, col, 12, 12, faces(moves)), expected[row, col], rel_tol=1e-12)
+    expected = naive.field(Grid(np.zeros((17, 17), dtype=bool)), [(8, 8)], moves)
+    for row, col in itertools.product(range(17), repeat=2):
+        assert math.isclose(gauge(row, col, 8, 8, faces(moves)), expected[row, col], rel_tol=1e-12)
 
 
 def test_paths_too_long_for_small_integers() -> None:

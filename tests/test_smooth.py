@@ -258,6 +258,8 @@ def test_straight_legs_leave_out_vertices_but_cut_no_wall() -> None:
     assert legs is not None and legs.tolist() == path[[0, 2, 4]].tolist()
     assert straight_legs(path[[0, 4]], grid, RobotSpec(radius=0.1)) is None
     assert straight_legs(path, grid, RobotSpec(radius=0.3)) is None
+    beside_the_edge = straight_legs(path[[0, 2]], Grid(np.zeros((3, 4), dtype=bool), 0.5), RobotSpec(radius=0.3))
+    assert beside_the_edge is None, "what is off the map counts as a wall"
 
 
 def test_motions_with_stops_start_with_the_heading_of_the_first_leg() -> None:
