@@ -54,10 +54,11 @@ def colony(
     distance_weight=0.0,
     t0=0.0,
     trails=None,
+    memory=None,
 ):
     """Search a local problem; returns memory, end state, cost, bound."""
     cells = context.field.size
-    memory = make_memory(cells, states, 1 << 18)
+    memory = make_memory(cells, states, 1 << 18) if memory is None else memory
     settings = spacetime.AntSettings(leg_cells, BETAS, SLACK, minimum_improvement, 1.0, distance_weight, 0.0)
     trails = make_trails(cells) if trails is None else trails
     end, arrival, bound = spacetime.search(

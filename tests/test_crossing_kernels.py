@@ -150,6 +150,27 @@ def test_colony_reaches_the_exact_optimum() -> None:
     assert solved > 0
 
 
+def test_the_first_leg_may_lead_to_any_cell_near_the_start() -> None:
+    """From places off the centres, in a memory that was used before, the colony arrives when SIPP does, by the same legs."""
+    rng, solved, memory = np.random.default_rng(16), 0, make_memory(31 * 31, 1 << 15, 1 << 18)
+    for _ in range(cases(20, 1000)):
+        grid, robot, start, goal, context, segments = local_problem(rng)
+        x, y = np.add(grid.centre(start), rng.uniform(-0.09, 0.09, 2)).tolist()
+        search = Sipp(grid, grid.centre(goal), radius=robot.radius, v_max=1.0)
+        if not search.stands((x, y)):
+            continue
+        exact = search.search((x, y), 0.0, segments)
+        _, end, arrival, bound = colony(context, segments, x, y, leg_cells=3, memory=memory)
+        if exact.status is Status.FOUND and exact.arrival < 19.0:
+            solved += 1
+            assert exact.arrival - 1e-6 <= arrival <= exact.arrival + 0.001 + 1e-6 and bound <= exact.arrival + 1e-6
+        elif exact.status is Status.NO_PATH:
+            assert end < 0 or arrival >= 19.0
+        here = np.array([[-1.0, 3.0, x + 0.05, y, 0.0, 0.0, 0.3, 0.3]])
+        assert colony(context, here, x, y, leg_cells=3, memory=memory)[1:3] == (-1, math.inf), "somebody stands there"
+    assert solved > 0
+
+
 def test_a_weight_on_metres_finds_shorter_paths_that_cost_less() -> None:
     """With a weight on metres a path costs what the search says or less, is no longer, and seldom costs more than without."""
     rng, shorter, dearer = np.random.default_rng(8), 0, 0
