@@ -55,6 +55,7 @@ def colony(
     t0=0.0,
     trails=None,
     memory=None,
+    limit=math.inf,
 ):
     """Search a local problem; returns memory, end state, cost, bound."""
     cells = context.field.size
@@ -63,7 +64,7 @@ def colony(
     trails = make_trails(cells) if trails is None else trails
     end, arrival, bound = spacetime.search(
         memory, trails, context, Predictions(segments, stopping_time), settings, x, y, t0, horizon,
-        math.inf, expansions, np.array([seed], np.uint64),
+        limit, expansions, np.array([seed], np.uint64),
     )  # fmt: skip
     return memory, end, arrival, bound
 

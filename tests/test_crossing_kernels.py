@@ -14,7 +14,7 @@ from antway.kernels.base.records import Predictions
 from antway.kernels.robot.guard import time_to_contact
 from antway.kernels.robot.reach import least_gap
 from antway.kernels.spacetime.ants import _Choices, _draw, deposit
-from antway.kernels.spacetime.memory import GENERATION, HEAP_SIZE, STATE_COUNT, pop, push
+from antway.kernels.spacetime.memory import EXPANSIONS, GENERATION, HEAP_SIZE, STATE_COUNT, pop, push
 from antway.kernels.spacetime.motion import first_conflict, passing, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
@@ -145,6 +145,11 @@ def test_colony_reaches_the_exact_optimum() -> None:
             solved += 1
             assert exact.arrival - 1e-6 <= arrival <= exact.arrival + 0.001 + 1e-6
             assert arrival - 0.001 - 1e-6 <= bound <= exact.arrival + 1e-6
+            assert colony(context, segments, x, y, limit=arrival)[1:3] == (-1, arrival), "only what is better counts"
+            assert colony(context, segments, x, y, limit=arrival + 0.01)[1] > 0
+            free = context.field[start[0] * 31 + start[1]]
+            idle, end, _, least = colony(context, segments, x, y, limit=free + 0.0005)
+            assert (end, idle.counter[EXPANSIONS], least) == (-1, 0, pytest.approx(free)), "nothing can be better by so much"
         elif exact.status is Status.NO_PATH:
             assert arrival == math.inf or arrival >= 19.0
     assert solved > 0
