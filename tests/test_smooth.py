@@ -32,6 +32,7 @@ from antway.cli import app
 from antway.kernels.trajectory import smooth as kernels
 from antway.trajectory.motion import Motion
 from antway.trajectory.profile import stop_at_corners, straight_legs, without_repeats
+from antway.trajectory.smooth import covering_discs
 from antway.world.line_of_sight import passes
 from antway.world.robots import load_robot
 from antway.world.rollouts import finite_limits
@@ -145,7 +146,7 @@ def sampled(grid: Grid, robot: RobotSpec, motion: Motion) -> float:
 def test_plans_are_bent_and_stay_drivable(name: str) -> None:
     """Plans on random maps become motions within all limits, clear of walls, and no later than with stops at corners (C29)."""
     robot, rng = ROBOTS[name], np.random.default_rng(3)
-    found = asked = 0
+    found = asked = bent = 0
     for case in range(cases(4, 400)):
         grid, start, goal = places(rng, robot)
         path = solve(Problem(grid.inflate(robot.radius), start, goal), "jps")
@@ -154,14 +155,34 @@ def test_plans_are_bent_and_stay_drivable(name: str) -> None:
         if answer.motion is None:
             assert answer.status is Status.NO_PATH and answer.reason, case
             continue
-        found += 1
+        found, bent = found + 1, bent + answer.bent
         motion = answer.motion
         check_motion(grid, robot, motion)
         assert sampled(grid, robot, motion) >= -1e-6, case
         assert motion.xy[0] == pytest.approx(grid.centre(start)) and motion.xy[-1] == pytest.approx(grid.centre(goal))
         assert motion.time <= answer.stop_time and answer.bent == (motion.time < answer.stop_time)
         assert motion.length / robot.v_max <= motion.time
-    assert found >= 0.75 * asked
+    assert found >= 0.75 * asked and bent >= asked // 4
+
+
+def test_a_plan_along_corners_has_stops_where_there_is_more_room() -> None:
+    """Its own legs are too near to walls for the robot, so those of another plan between the same ends are taken."""
+    grid, start, goal = places(np.random.default_rng(15), ROBOTS["inertia"])
+    path = solve(Problem(grid.inflate(0.3), start, goal), "anyangle")
+    assert straight_legs(path.xy(grid), grid, ROBOTS["inertia"]) is None
+    answer = smooth(path, ROBOTS["inertia"], grid=grid, trials=1)
+    check_motion(grid, ROBOTS["inertia"], answer.motion)
+    assert answer.motion.time <= answer.stop_time < math.inf
+
+
+def test_discs_cover_the_box_of_a_footprint() -> None:
+    """They stand in a row along its longer side, and each reaches the corners of its part of the box."""
+    for box in (np.array([(-0.2, -0.1), (0.7, 0.3)]), np.array([(-0.1, -0.5), (0.1, 0.1)])):
+        corners = np.array([(x, y) for x in box[:, 0] for y in box[:, 1]])
+        centres, radius = covering_discs(corners, 3)
+        points = box[0] + np.random.default_rng(4).random((200, 2)) * np.diff(box, axis=0)
+        away = np.hypot(*(np.vstack((points, corners))[:, None] - centres).transpose(2, 0, 1)).min(axis=1)
+        assert away.max() == pytest.approx(radius) and np.allclose(centres.mean(axis=0), box.mean(axis=0))
 
 
 def test_the_office_is_crossed_at_nearly_full_speed() -> None:
