@@ -171,7 +171,7 @@ def check(grid, plan, timeline, radius, speed, start, goal, horizon=math.inf):
 
 @pytest.mark.parametrize(
     ("moves", "size", "worlds"),
-    [(Moves.EIGHT, 10, 35), (Moves.SIXTEEN, 7, 25), (Moves.THIRTY_TWO, 6, 25), (Moves.FOUR, 10, 35)],
+    [(Moves.EIGHT, 8, 35), (Moves.SIXTEEN, 6, 25), (Moves.THIRTY_TWO, 6, 25), (Moves.FOUR, 8, 35)],
 )
 def test_sipp_against_naive(moves, size, worlds):
     """The arrival is that of a naive SIPP with bisected intervals, and no sample of the path is in contact (C5)."""
