@@ -104,6 +104,7 @@ def test_nothing_can_be_changed() -> None:
         ("blocked.dtype", {"blocked": np.full((2, 2), 2)}),
         ("blocked", {"blocked": [[True], [True, False]]}),
         ("resolution", {"resolution": 0.0}),
+        ("resolution", {"resolution": 1.1e6}),
         ("resolution", {"resolution": math.nan}),
         ("resolution", {"resolution": True}),
         ("origin[2]", {"origin": (0.0, 0.0, math.inf)}),
@@ -144,7 +145,7 @@ def test_equality_is_by_meaning() -> None:
     """Grids are equal when cells, place and unknown cells are; no mask is a mask of nothing, and free cells are not unknown."""
     none = np.zeros((2, 2), dtype=bool)
     assert Grid(none) == Grid(none, unknown=none) == Grid(none, unknown=~none)
-    assert Grid(none) != Grid(none, 2.0)
+    assert Grid(none) != Grid(none, 2.0) and Grid(none) != Grid(~none)
     assert Grid(~none) != Grid(~none, unknown=~none)
     assert Grid(none) != "grid"
 
