@@ -225,6 +225,20 @@ def test_whoever_comes_to_stand_in_the_way_is_told_from_others() -> None:
         reasons.clear()
 
 
+def test_a_path_may_become_longer_though_nobody_has_come_to_a_stand() -> None:
+    """Obstacle 7 beside the upper door is seen larger than before once 3, which stood elsewhere, has left."""
+    stops = (Stop((7.5, 5.4), "behind"),)
+    reasons = list[str]()
+    policy = RoundsPolicy(make_policy("follow"), stops)
+    policy.reset(hall(stops=stops).task, 0)
+    policy._decide = reasons.append  # type: ignore[method-assign]
+    for t in range(7):
+        radii, y = ([0.3, 0.05], 3.0) if t < 6 else ([0.3, 0.9], 4.0)
+        tracks = Tracks([3, 7], [(1.0, y), (6.1, 5.9)], np.zeros((2, 2)), radii)
+        policy.act(Observation(float(t), (2.0, 5.4), (0.0, 0.0), 0.0, tracks))
+    assert reasons == ["the path has become longer"]
+
+
 def test_no_window_is_lost_that_an_exact_plan_would_keep_when_a_door_closes() -> None:
     """The order decided on with someone in the upper door is never late where any order would not be."""
     rng = np.random.default_rng(6)
@@ -468,6 +482,8 @@ def test_wrong_stops_of_the_policy_are_refused() -> None:
     """It is given stops, not numbers, and a policy."""
     with pytest.raises(BadInput, match=r"stops\[0\]"):
         RoundsPolicy(make_policy("antway"), [1])
+    with pytest.raises(BadInput, match="stops = 5: must be a sequence of stops"):
+        RoundsPolicy(make_policy("antway"), 5)
     with pytest.raises(BadInput, match="policy"):
         RoundsPolicy("antway", [])
 

@@ -52,7 +52,8 @@ class RoundsPolicy:
 
     def __init__(self, policy: Policy, stops: Sequence[Stop]) -> None:
         self.policy = as_policy(policy)
-        self.given = tuple(checks.instance(f"stops[{k}]", stop, Stop) for k, stop in enumerate(stops))
+        listed = checks.sequence("stops", stops, "a sequence of stops")
+        self.given = tuple(checks.instance(f"stops[{k}]", stop, Stop) for k, stop in enumerate(listed))
         self._clear()
 
     def _clear(self) -> None:
@@ -203,7 +204,10 @@ class RoundsPolicy:
         longer = self.planner.path_length(self.xy, self._target) - before
         if abs(longer) <= DETOUR:
             return ""
-        return f"obstacle {min(new)[0]} stands in the way" if longer > 0.0 else "the path is free again"
+        if longer < 0.0:
+            return "the path is free again"
+        # Where nobody has come to a stand, somebody who stands already is larger than was seen before.
+        return f"obstacle {min(new)[0]} stands in the way" if new else "the path has become longer"
 
     def _decide(self, reason: str) -> None:
         """Search for the best order of the remaining stops, and take it if it is clearly better."""
