@@ -407,6 +407,14 @@ def test_a_goal_within_the_tolerance_of_the_start_spoils_no_interval():
     assert one.time_ratio == 1.2 and one.time_ratio_interval == (1.2, 1.2)
 
 
+def test_a_goal_to_which_no_shortest_path_leads_spoils_no_mean():
+    """A body may fit where its disc does not; the length over an infinite path, 0, counted."""
+    rows = [
+        Row("s", f"e{k}", "p", k, "0", "g", "reached", "", length=11.0, shortest=far) for k, far in enumerate([10.0, math.inf])
+    ]
+    assert summarise(rows)[0].path_ratio == 1.1
+
+
 def test_few_times_have_no_rank():
     """A policy that reached the goal nine times is significantly slower than nobody, and is not first for that."""
     often, seldom, ten = np.linspace(1.0, 1.1, 30), np.where(np.arange(30) < 9, 1.5, math.nan), np.arange(30) < 10

@@ -95,6 +95,7 @@ def test_a_summary_by_hand():
     easy = row("open/easy/1", "hit-wall", *[nan] * 4, 0, 0, 0, nan, 9.0, 9.0, 0.95, policy="b")
     rows = [hung, died, slow, easy, one, two, hit]
     assert levels(rows) == ["easy", "low", "hung", "unknown"]
+    assert levels([*rows, replace(one, group="open/worst", difficulty=0.0)])[1:3] == ["low", "worst"]
     table = {(line.level, line.policy): line for line in summarise(rows)}
     assert list(table) == [("easy", "b"), ("low", "a"), ("low", "b"), ("hung", "a"), ("unknown", "b"), ("", "a"), ("", "b")]
     low = table["low", "a"]

@@ -14,7 +14,8 @@ from antway.arena.causes import by_cause
 from antway.arena.store import Row
 from antway.world.trace import Outcome
 
-MEANS = ("time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "side changes", "jerk, m/s³")  # heads of columns
+JERK, CYCLE = "jerk, m/s³", "cycle, ms: p50 / p99 / longest"  # heads of columns
+MEANS = ("time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "side changes", JERK)  # heads of columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +23,8 @@ class Summary:
     """The results of a policy on one level of difficulty, or on all levels (level "").
 
     Time ratio, time, path ratio and clearance are means over the episodes that reached the goal; discomfort, side changes and
-    jerk are means over all. The time ratio leaves out episodes whose optimum does not arrive, takes no time or is unknown.
+    jerk are means over all. The time ratio leaves out episodes whose optimum does not arrive, takes no time or is unknown; the
+    path ratio leaves out those whose shortest path has no length, or is none for the robot's disc, though its body may fit.
     """
 
     level: str
@@ -52,7 +54,7 @@ def levels(rows: Sequence[Row]) -> list[str]:
     found: dict[str, list[float]] = {}
     for row in rows:
         found.setdefault(level_of(row), []).append(row.difficulty)
-    return sorted(found, key=lambda level: (np.nan_to_num(-_mean(found[level])), level))
+    return sorted(found, key=lambda level: (np.nan_to_num(-_mean(found[level]), nan=1.0), level))
 
 
 def summarise(rows: Sequence[Row], policies: Sequence[str] | None = None) -> list[Summary]:
@@ -72,6 +74,7 @@ def _summary(level: str, policy: str, rows: Sequence[Row]) -> Summary:
     outcomes = [row.outcome for row in rows]
     reached = [row for row in rows if row.reached]
     bound = [row for row in reached if 0.0 < row.bound < math.inf]
+    long = [row for row in reached if 0.0 < row.shortest < math.inf]
     ratios = metrics.time_ratio([row.time for row in bound], [row.bound for row in bound])
     low, high = metrics.mean_interval(ratios)
     return Summary(
@@ -84,7 +87,7 @@ def _summary(level: str, policy: str, rows: Sequence[Row]) -> Summary:
         time_ratio=_mean(ratios),
         time_ratio_interval=(max(low, 0.0), high),
         time=_mean([row.time for row in reached]),
-        path_ratio=_mean(metrics.path_ratio([row.length for row in reached], [row.shortest for row in reached])),
+        path_ratio=_mean(metrics.path_ratio([row.length for row in long], [row.shortest for row in long])),
         clearance=_mean([row.clearance for row in reached if math.isfinite(row.clearance)]),
         discomfort=_mean([row.discomfort for row in rows]),
         side_changes=_mean([row.side_changes for row in rows]),
@@ -158,7 +161,7 @@ def summary_cells(one: Summary) -> dict[str, str]:
         "timeout / error": f"{one.outcomes['timeout']} / {one.outcomes['error']}",
         "time / optimum (95 %)": _shown(one.time_ratio, f"{one.time_ratio:.4f} ({_span(one.time_ratio_interval)})"),
         **{head: _shown(mean, f"{mean:.2f}") for head, mean in zip(MEANS, means, strict=True)},
-        "cycle, ms: p50 / p99 / longest": " / ".join(_shown(time, f"{time:.2f}") for time in one.cycle),
+        CYCLE: " / ".join(_shown(time, f"{time:.2f}") for time in one.cycle),
     }
 
 
@@ -186,7 +189,8 @@ def markdown(rows: Sequence[Row]) -> str:
     """Return the summaries of the rows of one suite, the ranks of its policies and their failures by cause, in Markdown."""
     names = sorted({row.policy for row in rows})
     table = summarise(rows, names)
-    lines = _lines([dict(list(summary_cells(one).items())[:-2]) for one in table], 2)  # without jerk and cycle
+    cells = [{head: cell for head, cell in summary_cells(one).items() if head not in (JERK, CYCLE)} for one in table]
+    lines = _lines(cells, 2)
     lines += ["", *_lines(rank_cells(rows, names), 1)]
     failed = [(name, why, count) for name in names for why, count in by_cause(r for r in rows if r.policy == name).items()]
     if failed:
