@@ -154,6 +154,12 @@ def test_what_makes_no_policy_is_refused(wrong):
         check_policy(wrong)
 
 
+def test_a_time_limit_that_is_none_is_refused():
+    """Nothing is slower than NaN s."""
+    with pytest.raises(BadParameter, match="seconds"):
+        check_policy(Follow, seconds=math.nan)
+
+
 def test_a_planner_that_lies_is_caught():
     """A planner that says there is no path where there is one, and global randomness, are caught."""
 
@@ -166,8 +172,9 @@ def test_a_planner_that_lies_is_caught():
     assert len(caught.value.violations) == 3
     with pytest.raises(InvalidPlan, match="it returns None, not a Plan"):
         check_planner(lambda problem, *, seed, budget: None)
-    with pytest.raises(InvalidPlan, match="cannot be called as planner"):
-        check_planner(lambda problem: None)
+    for wrong in (lambda problem: None, min, 5):
+        with pytest.raises(InvalidPlan, match="cannot be called as planner"):
+            check_planner(wrong)
 
 
 def test_what_raises_or_is_no_command_is_told_as_a_fault() -> None:

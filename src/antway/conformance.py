@@ -17,6 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from antway import checks
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid
 from antway.planning import Budget, Plan, Planner, Problem, Status
@@ -49,12 +50,13 @@ def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
     Raises
     ------
     BadParameter
-        For what cannot be called.
+        For what cannot be called, makes no policy, or is no time limit.
     InvalidPlan
         With every breach found.
     """
     if not callable(make):
         raise BadParameter("make", make, "a function that returns a new policy, for instance its class")
+    checks.number("seconds", seconds, low=0.0, unit="s")
     faults: list[str] = []
     scenario = _scenario()
     policy = make()
@@ -98,7 +100,7 @@ def check_planner(planner: Planner) -> None:
     problem = Problem(Grid(open_), (2, 2), (20, 21))
     try:
         inspect.signature(planner).bind(problem, seed=5, budget=Budget())
-    except TypeError as wrong:
+    except (TypeError, ValueError) as wrong:  # the second for what is built into Python
         raise InvalidPlan([f"it cannot be called as planner(problem, seed=5, budget=Budget()): {wrong}"]) from None
     before = _global_state()
     plans = [_answer(planner, problem, seed=seed) for seed in (5, 6, 5)]
