@@ -282,7 +282,14 @@ def load_robot(name: str | Path) -> RobotSpec:
     if path is None or path.suffix != ".toml" or not isfile(path):
         raise BadParameter("robot", str(name), f"one of {', '.join(ROBOTS)}, or the name of a .toml file that exists")
     record = read_toml_file(path, _MAX_BYTES, "robot")
-    return from_table("robot", RobotSpec, record.get("robot", record), str(path))
+    return robot_of(record.get("robot", record), str(path))
+
+
+def robot_of(record: object, where: str) -> RobotSpec:
+    """Return the robot that the table `record` of the file `where` describes."""
+    if isinstance(record, dict) and "footprint" in record and "radius" in record:
+        raise BadScenario("robot.footprint", record["footprint"], "left out where robot.radius is given", where=where)
+    return from_table("robot", RobotSpec, record, where)
 
 
 def from_table(name: str, kind: type[T], record: object, where: str) -> T:

@@ -26,7 +26,7 @@ from antway.tables import SHIPPED_SCENES, names
 from antway.world.line_of_sight import check_clear
 from antway.world.motions import MAX_KNOTS, MOTIONS, Replay
 from antway.world.policy import BOUNDS, XY, RobotSpec, Task
-from antway.world.robots import check_keys, from_table, load_robot
+from antway.world.robots import check_keys, from_table, load_robot, robot_of
 from antway.world.sensor import Sensor
 from antway.world.stops import Stop, checked_stops
 from antway.world.world import MAX_OBSTACLES, Obstacle, World, refuse_through_walls
@@ -201,9 +201,7 @@ def _robot(value: object, where: str) -> RobotSpec:
             return load_robot(value)
         except BadInput as error:
             raise error.at(where) from None
-    if isinstance(value, dict) and "footprint" in value and "radius" in value:
-        raise BadScenario("robot.footprint", value["footprint"], "left out where robot.radius is given", where=where)
-    return from_table("robot", RobotSpec, value, where)
+    return robot_of(value, where)
 
 
 def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
