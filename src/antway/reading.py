@@ -25,7 +25,13 @@ from antway.limits import MAX_DEPTH, MAX_LISTS, MAX_TABLES
 
 # Keys of many dotted parts. It starts at the start of a word and never goes back, so that its time grows with the text alone.
 _DOTTED = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH},}}")
-_TABLE = re.compile(r"^[ \t]*\[{1,2}[^\],\n]*\]{1,2}[ \t]*(?:#.*)?$", re.MULTILINE)  # its head; lists have commas
+# The head of a table, whose name may be quoted; lists have commas.
+_TABLE = re.compile(r"""^[ \t]*\[{1,2}(?:[^\],\n"']++|"(?:[^"\\\n]++|\\.)*+"|'[^'\n]*+')*+\]{1,2}[ \t]*(?:\#.*)?$""", re.MULTILINE)
+# Brackets, and what hides them: strings and comments of JSON and TOML; a string without an end hides all that follows.
+_BRACKETS = re.compile(
+    r"""\"{3}(?:[^\\]|\\.)*?(?:\"{3,5}|\Z)|'{3}.*?(?:'{3,5}|\Z)|"(?:[^"\\\n]++|\\.)*+"?|'[^'\n]*+'?|\#[^\n]*+|[\[\]{}]""",
+    re.DOTALL,
+)
 _PLAIN_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|seq|map|null)")
 _SPACE = re.compile(rb"\s")
 _BLOCK = 2**20  # bytes of text that are split into words at once
@@ -80,14 +86,15 @@ def read_text(path: Path, most: int, *, error: type[BadInput] = BadMap, field: s
 
 
 def check_nesting(text: str, depth: int, lists: int, where: str) -> None:
-    """Raise `TooLarge` for JSON or TOML with brackets, also in strings, nested deeper than `depth` or more than `lists`."""
+    """Raise `TooLarge` for JSON or TOML with brackets nested deeper than `depth`, or, also in strings, more than `lists`."""
     found = text.count("[") + text.count("{")
     if found > lists:
         raise TooLarge("lists and tables", found, f"at most {lists}", where=where)
     now = deepest = 0
-    for bracket in re.finditer(r"[\[\]{}]", text):
-        now = now + 1 if bracket[0] in "[{" else max(now - 1, 0)
-        deepest = max(deepest, now)
+    for part in _BRACKETS.finditer(text):
+        if part[0] in "[]{}":
+            now = now + 1 if part[0] in "[{" else max(now - 1, 0)
+            deepest = max(deepest, now)
     if deepest > depth:
         raise TooLarge("depth", deepest, f"at most {depth} brackets within brackets", where=where)
 
