@@ -224,6 +224,8 @@ def test_wrong_values_are_named(tmp_path: Path, key: str, value: object) -> None
             ("config.sensor", []),
             ("config.sensor", {"occlusion": 1}),
             ("timeline.radius", [0.3, 0.0]),
+            ("timeline.radius", [0.3, 1.1e10]),
+            ("timeline.knot_xy", [[0.0, -1.1e10], [1.0, 0.0], [1.0, 1.0], [3.0, 3.0]]),
         ),
         *(("heading", [0.0] * 6), ("heading", [1.1e10] * 7), ("command", [[0.0, 0.0]] * 7), ("turn_rate", [0.0] * 6)),
         *(("cycle_ms", [0.0] * 7), ("task.robot.drive", 1), ("task.robot.dt", 0.0), ("task.robot.latency", "long")),
@@ -280,6 +282,9 @@ def test_timelines_refuse_what_does_not_fit() -> None:
         lambda: Timeline.of([1], [0.3], [([0.0, math.nan], [(0, 0), (1, 0)])]),
         lambda: Timeline.of([1], [0.3], [([0.0], [(0, 0), (1, 0)])]),
         lambda: Timeline.of([1], [0.3], [([], [])]),
+        lambda: Timeline.of([1, 2], [0.3, 0.3], [([0.0, 1.0], [(0, 0)]), ([0.0], [(0, 0), (1, 0)])]),
+        *(lambda id=id: Timeline.of([id], [0.3], knots) for id in (0.5, math.nan, 2**63, "a", None)),
+        lambda: Timeline.of([1], ["a"], knots),
     ):
         with pytest.raises(BadScenario, match="timeline"):
             wrong()

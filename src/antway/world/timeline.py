@@ -45,7 +45,15 @@ class Timeline:
 
     def __post_init__(self) -> None:
         for name, kind in COLUMNS.items():
-            array: NDArray[Any] = np.ascontiguousarray(getattr(self, name), dtype=kind)
+            given = getattr(self, name)
+            try:
+                with np.errstate(invalid="ignore"):
+                    array: NDArray[Any] = np.ascontiguousarray(given, dtype=kind)
+                if kind is np.int64 and not np.array_equal(array, given):
+                    raise ValueError
+            except (TypeError, ValueError, OverflowError):
+                allowed = "integers of 64 bits" if kind is np.int64 else "numbers"
+                raise BadScenario(f"timeline.{name}", given, f"an array of {allowed}") from None
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         count, knots = len(self.id), len(self.knot_t)
@@ -72,9 +80,12 @@ class Timeline:
         """Return the timeline of discs with these ids, radii (m) and trajectories (t in s, xy in m)."""
         t = [np.asarray(trajectory[0], np.float64) for trajectory in trajectories]
         xy = [np.asarray(trajectory[1], np.float64).reshape(-1, 2) for trajectory in trajectories]
+        for k, (times, places) in enumerate(zip(t, xy)):
+            if len(times) != len(places):
+                raise BadScenario(f"timeline.knot_xy of disc {k}", len(places), f"a place for each of {len(times)} times")
         return Timeline(
-            np.array(ids, np.int64),
-            np.array(radii, np.float64),
+            np.array(ids),
+            np.array(radii),
             np.concatenate(t) if t else np.empty(0),
             np.concatenate(xy) if xy else np.empty((0, 2)),
             np.cumsum([0, *map(len, t)], dtype=np.int64),

@@ -259,7 +259,8 @@ class _Reader:
         parts = self.table("timeline", record, " ".join(COLUMNS))
         columns: dict[str, Any] = {}
         for name, kind in COLUMNS.items():
-            array = self.floats(f"timeline.{name}", parts[name], (None, 2) if name == "knot_xy" else (None,))
+            most = MAX_PLACE if name in ("radius", "knot_xy") else math.inf
+            array = self.floats(f"timeline.{name}", parts[name], (None, 2) if name == "knot_xy" else (None,), most)
             if kind is np.int64 and not ((array == np.round(array)) & (np.abs(array) < 2**53)).all():
                 raise self.bad(f"timeline.{name}", parts[name], "integers below 2^53")
             columns[name] = array.astype(kind)
@@ -351,11 +352,11 @@ class _Reader:
             return float(str(value))
         return checks.number(name, value, where=self.where)
 
-    def floats(self, name: str, value: object, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
-        """Read an array of numbers, which need not be finite; of two dimensions it may have no rows."""
+    def floats(self, name: str, value: object, shape: tuple[int | None, ...], most: float = math.inf) -> NDArray[np.float64]:
+        """Read an array of numbers up to `most`, which need not be finite; of two dimensions it may have no rows."""
         if len(shape) == 2 and isinstance(value, list) and all(row == [] for row in value):
             value = np.empty((0, shape[1] or 2))
-        return checks.array(name, value, shape, finite=False, error=BadScenario, where=self.where)
+        return checks.array(name, value, shape, finite=False, low=-most, high=most, error=BadScenario, where=self.where)
 
     def unpack(self, name: str, value: object, dtype: str, ndim: int) -> NDArray[Any]:
         parts = self.table(name, value, "dtype shape zlib")
