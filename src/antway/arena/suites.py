@@ -84,7 +84,7 @@ class SuiteEpisode:
     """One episode of a suite: `spec` is the argument of `load_suite`, and `suite`, `group` and `number` identify the episode.
 
     A `robot` (a name or a file) replaces the robot of the suite; then `suite` ends in " on " and its name. The world and all
-    randomness are those of the suite.
+    randomness are those of the suite. An episode made by hand whose name leaves the robot out has a world of its own.
     """
 
     spec: str
