@@ -198,9 +198,10 @@ def test_recordings_are_not_cut_short(monkeypatch, tmp_path):
         read_tracks(str(tmp_path / "t.csv"))
 
 
-@pytest.mark.parametrize(("text", "says"), [("1," * 10_000, "letters"), ("1" * 10**6, "letters"), ("\n" * 4_000_001, "lines")])
-def test_recordings_of_long_lines_or_endless_empty_ones_are_refused(text, says, tmp_path):
+@pytest.mark.parametrize(("text", "says"), [("1," * 10_000, "letters"), ("1" * 10**6, "letters"), ("\n" * 2000, "2000 lines")])
+def test_recordings_of_long_lines_or_endless_empty_ones_are_refused(text, says, tmp_path, monkeypatch):
     """They took up to 700 MB, or many seconds, before they were refused."""
+    monkeypatch.setattr("antway.arena.environments.MAX_ROWS", 1000)
     (tmp_path / "t.csv").write_text("t,id,x,y\n" + text)
     with pytest.raises(BadScenario, match=says):
         read_tracks(str(tmp_path / "t.csv"))
@@ -328,7 +329,7 @@ def test_the_table_of_limits_is_that_of_the_code():
 
 def test_a_long_key_is_shortened_in_the_message(tmp_path):
     """A key of two million letters made a message of as many."""
-    (tmp_path / "long.toml").write_text('"' + "\\u0041" * 2_000_000 + '" = 1\n')
+    (tmp_path / "long.toml").write_text('"' + "\\u0041" * 200_000 + '" = 1\n')
     with pytest.raises(BadScenario) as caught:
         load_scenario(tmp_path / "long.toml")
     assert len(str(caught.value)) < 1000

@@ -193,7 +193,7 @@ def test_two_writers_and_one_killed_in_a_transaction(tmp_path):
     """C36: two writers of the same rows, and a third killed inside a transaction: no row lost, doubled or mixed."""
     script = (
         "import sys; sys.path.insert(0, 'tests'); from test_store import row; from antway.arena.store import Results\n"
-        "results = Results(sys.argv[1])\n"
+        "results = Results(sys.argv[1]); print('ready', flush=True)\n"
         "for k in range(60): results.add(row(k, clearance=0.5), 'trace %d' % k)\n"
     )
     killed = "import os, signal, sqlite3, sys; db = sqlite3.connect(sys.argv[1], timeout=60, isolation_level=None)\n" + (
@@ -202,9 +202,15 @@ def test_two_writers_and_one_killed_in_a_transaction(tmp_path):
     for k in range(cases(1, 20)):
         path = tmp_path / f"{k}.db"
         Results(path).close()
-        run = [subprocess.Popen([sys.executable, "-c", script, str(path)]) for _ in range(2)]
-        assert subprocess.run([sys.executable, "-c", killed, str(path)], check=False).returncode == -9
-        assert [one.wait() for one in run] == [0, 0]
+        with (
+            subprocess.Popen([sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE) as other,
+            Results(path) as results,
+        ):
+            with subprocess.Popen([sys.executable, "-c", killed, str(path)]) as third:
+                assert other.stdout.readline() == b"ready\n"
+                for k in range(60):
+                    results.add(row(k, clearance=0.5), f"trace {k}")
+            assert (other.wait(), third.returncode) == (0, -9)
         with Results(path) as results:
             assert [repr(one) for one in results.rows()] == [repr(row(k, clearance=0.5)) for k in range(60)]
             assert results.trace(row(7).key) == "trace 7"

@@ -86,21 +86,29 @@ def test_what_is_no_planner_is_refused(installed, name):
         solve(PROBLEM, name)
 
 
+COMMANDS = """
+import sys
+from antway.cli import main
+for line in sys.argv[1:]:
+    sys.argv = ["antway", *line.split()]
+    try:
+        main()
+    except SystemExit as ended:
+        print(f"status {ended.code};")
+"""
+
+
 def test_the_commands_take_modules_of_the_working_directory(installed):
     """`antway run --policy` and `antway plan --planner` find MODULE:NAME where they are started."""
     (installed / "map.txt").write_text("...\n.@.\n...\n")
 
-    def antway(*line):
-        since = [sys.executable, "-c", "from antway.cli import main; main()"]
-        return subprocess.run([*since, *line], cwd=installed, capture_output=True, text=True, check=False)
-
-    ran = antway("run", "paper", "--policy", "their_package:Patient", "--seed", "3", "--json")
-    assert json.loads(ran.stdout)["policy"] == "their_package:Patient" and ran.returncode in (0, 5), ran.stderr
-    ends = ["--start", "0,0", "--goal", "2,2", "--cells"]
-    planned = antway("plan", "map.txt", *ends, "--planner", "their_package:theirs", "--json")
-    assert json.loads(planned.stdout)["planner"] == "their_package:theirs", planned.stderr
-    wrong = antway("plan", "map.txt", *ends, "--planner", "their_package:nothing")
-    assert wrong.returncode == 2 and "MODULE:NAME" in wrong.stderr
+    plan = "plan map.txt --start 0,0 --goal 2,2 --cells --json --planner their_package:"
+    lines = "run paper --policy their_package:Patient --seed 3 --json", f"{plan}theirs", f"{plan}nothing"
+    done = subprocess.run([sys.executable, "-c", COMMANDS, *lines], cwd=installed, capture_output=True, text=True, check=True)
+    (ran, played), (planned, found), (_, refused) = (part.split("status ") for part in done.stdout.split(";")[:-1])
+    assert json.loads(ran)["policy"] == "their_package:Patient" and int(played) in (0, 5), done.stderr
+    assert json.loads(planned)["planner"] == "their_package:theirs" and int(found) == 0, done.stderr
+    assert int(refused) == 2 and "MODULE:NAME" in done.stderr
 
 
 RAISING = """

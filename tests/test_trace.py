@@ -13,7 +13,7 @@ import pytest
 
 from antway import BadInput, BadScenario, Grid, Outcome, RobotSpec, Task, TimedPath, TooLarge, load_scenario, run
 from antway.world.policy import Decision
-from antway.world.timeline import Timeline
+from antway.world.timeline import COLUMNS, Timeline
 from antway.world.trace import Trace
 from antway.world.tracefile import _pack
 from common import cases
@@ -272,6 +272,22 @@ def test_no_file_is_a_typed_error(tmp_path: Path) -> None:
             Trace.load(tmp_path / name)
 
 
+FIRST = [0, 2], [1, 1, 2], [0, 1, 1], [0, 0, 2], [0, 2, 1], [0, 1, 3], [0.0, 0.5, 2.0]
+
+
+def test_timelines_hold_arrays_for_kernels() -> None:
+    """Contiguous, of the types that kernels take, and read-only, whatever is given; times may fall from disc to disc."""
+    line = Timeline([7, 9], [1, 2], [0, 2, 1], np.asfortranarray([[0, 0], [4, 0], [5, 6]]), (0, 2, 3))
+    for name, kind in COLUMNS.items():
+        array = getattr(line, name)
+        assert array.dtype == kind and array.flags.c_contiguous and not array.flags.writeable, name
+    assert line.at(0.5)[0].tolist() == [[1.0, 0.0], [5.0, 6.0]] == line.places(np.array([0.5]))[0].tolist()
+    assert line.at(0.5)[1].tolist() == [[2.0, 0.0], [0.0, 0.0]] and len(line) == 2
+    other = line.with_trajectories({1: line.trajectory(0)})
+    assert other.id.tolist() == [7, 9] and other.at(0.5)[0].tolist() == [[1.0, 0.0]] * 2
+    assert len(Timeline.of([], [], [])) == 0 == Timeline.of([], [], []).at(1.0)[0].size
+
+
 def test_timelines_refuse_what_does_not_fit() -> None:
     """Ids twice, radii not above 0, times that do not increase and misfit arrays are refused."""
     knots = [([0.0, 1.0], [(0, 0), (1, 0)])]
@@ -285,6 +301,11 @@ def test_timelines_refuse_what_does_not_fit() -> None:
         lambda: Timeline.of([1, 2], [0.3, 0.3], [([0.0, 1.0], [(0, 0)]), ([0.0], [(0, 0), (1, 0)])]),
         *(lambda id=id: Timeline.of([id], [0.3], knots) for id in (0.5, math.nan, 2**63, "a", None)),
         lambda: Timeline.of([1], ["a"], knots),
+        *(lambda radius=radius: Timeline.of([1], [radius], knots) for radius in (-0.1, math.nan, math.inf)),
+        lambda: Timeline.of([1, 2], [0.3], knots * 2),
+        lambda: Timeline.of([1], [0.3], [([0.0, 1.0], [(0, 0), (math.inf, 0)])]),
+        *(lambda first=first: Timeline([1, 2], [0.3, 0.3], [0.0, 1.0], [(0, 0), (1, 0)], first) for first in FIRST),
+        lambda: Timeline([1], [0.3], [0.0, 1.0], [(0, 0, 0), (1, 0, 0)], [0, 2]),
     ):
         with pytest.raises(BadScenario, match="timeline"):
             wrong()

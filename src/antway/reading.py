@@ -26,7 +26,9 @@ from antway.limits import MAX_DEPTH, MAX_LISTS, MAX_TABLES
 # Keys of many dotted parts. It starts at the start of a word and never goes back, so that its time grows with the text alone.
 _DOTTED = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH},}}")
 # The head of a table, whose name may be quoted; lists have commas.
-_TABLE = re.compile(r"""^[ \t]*\[{1,2}(?:[^\],\n"']++|"(?:[^"\\\n]++|\\.)*+"|'[^'\n]*+')*+\]{1,2}[ \t]*(?:\#.*)?$""", re.MULTILINE)
+_TABLE = re.compile(
+    r"""^[ \t]*\[{1,2}(?:[^\],\n"']++|"(?:[^"\\\n]++|\\.)*+"|'[^'\n]*+')*+\]{1,2}[ \t]*(?:\#.*)?$""", re.MULTILINE
+)
 # Brackets, and what hides them: strings and comments of JSON and TOML; a string without an end hides all that follows.
 _BRACKETS = re.compile(
     r"""\"{3}(?:[^\\]|\\.)*?(?:\"{3,5}|\Z)|'{3}.*?(?:'{3,5}|\Z)|"(?:[^"\\\n]++|\\.)*+"?|'[^'\n]*+'?|\#[^\n]*+|[\[\]{}]""",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,8 +40,7 @@ class Timeline:
     radius: NDArray[np.float64]  # [K] m, > 0
     knot_t: NDArray[np.float64]  # [M] s, strictly increasing within a disc
     knot_xy: NDArray[np.float64]  # [M, 2] m
-    # [K + 1] first[0] = 0, first[K] = M; each disc has at least one knot
-    first: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
+    first: NDArray[np.int64]  # [K + 1] first[0] = 0, first[K] = M; each disc has at least one knot
 
     def __post_init__(self) -> None:
         for name, kind in COLUMNS.items():
