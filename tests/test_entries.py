@@ -190,11 +190,11 @@ def test_when_a_record_begins_is_kept_in_a_file_and_checked(tmp_path):
     ],
 )
 def test_causes_by_hand(velocity, others, said):
-    """The robot at (2, 2) on its way to (9, 2) touches a disc of 0.3 m at (2.5, 2); a larger one nearby does not touch."""
-    people = [((9.0, 9.0), (0.0, 0.0)), *others, ((2.5, 2.0), velocity)]
+    """The robot at (2, 2) on its way to (9, 2) touches a disc of 0.3 m at (2.5, 2); a small one that runs past does not touch."""
+    people = [((2.0, 2.6), (5.0, 5.0)), *others, ((2.5, 2.0), velocity)]
     t, line = 4.0, np.array([0.0, 1.0])
     courses = [(t - 0.5 + line, np.array(xy) + np.outer(line - 0.5, v)) for xy, v in people]
-    timeline = Timeline.of(range(len(people)), [0.4, *[0.3] * (len(people) - 1)], courses)
+    timeline = Timeline.of(range(len(people)), [0.05, *[0.3] * (len(people) - 1)], courses)
     task = SimpleNamespace(robot=RobotSpec(radius=0.2), goal=(9.0, 2.0), obstacle_speed=1.5)
     ends = np.array([[0.0, 0.0], [9.0, 9.0], [2.0, 2.0]])
     trace = SimpleNamespace(

@@ -264,6 +264,7 @@ def test_intervals_are_those_of_tables() -> None:
     for wrong in ({"total": -1, "count": 0}, {"total": 3, "count": 4}, {"total": 3, "count": -1}):
         with pytest.raises(BadParameter):
             metrics.wilson(**wrong)
+    assert metrics.bootstrap([1.0, 3.0], 0.5) == (2.0, 2.0)
     for tail in (-0.1, 0.6):
         with pytest.raises(BadParameter, match="tail"):
             metrics.bootstrap([1.0], tail)

@@ -442,6 +442,22 @@ def test_who_stands_is_told_by_places() -> None:
     assert standing.walls() == {1: 0.0}
 
 
+def test_obstacles_that_stand_block_the_cells_around_them() -> None:
+    """Those whose centre is nearer than the radius and a margin; the others of whom nothing was asked stay free."""
+    rng, standing = np.random.default_rng(4), StandingObstacles()
+    for _ in range(cases(20, 500)):
+        grid = Grid(rng.random((12, 9)) < 0.1, float(rng.uniform(0.1, 0.6)), (-1.0, 2.0, 0.0))
+        places = rng.uniform((-1.5, 1.5), (4.0, 8.0), (3, 2))
+        standing.observe(Tracks([4, 7, 9], places, np.zeros((3, 2)), rng.uniform(0.1, 1.0, 3)), 0.0)
+        margin = float(rng.uniform(-0.3, 0.5))
+        expected = grid.blocked.copy()
+        for number, one in standing.sightings.items():
+            for cell in np.ndindex(grid.shape):
+                expected[cell] |= number != 7 and math.dist(grid.centre(cell), (one.x, one.y)) < one.radius + margin
+        assert (standing.block(grid, {4, 9}, margin).blocked == expected).all()
+        assert standing.block(grid, set(), margin) is grid
+
+
 def test_an_obstacle_is_a_wall_after_three_seconds_until_it_moves_or_is_forgotten() -> None:
     """It may sway by 0.2 m from where it came to a stand; a slow walk is none."""
     standing = StandingObstacles()
