@@ -179,6 +179,7 @@ def test_when_a_record_begins_is_kept_in_a_file_and_checked(tmp_path):
     ("velocity", "others", "said"),
     [
         ((0.09, 0.0), [], "one alone, standing"),
+        ((0.11, 0.0), [], "one alone, from behind"),
         ((0.55, 0.9), [], "one alone, from behind"),  # within 60 degrees of the direction to the goal
         ((0.45, 0.9), [], "one alone, from the side"),
         ((-0.45, 0.9), [], "one alone, from the side"),
@@ -190,7 +191,7 @@ def test_when_a_record_begins_is_kept_in_a_file_and_checked(tmp_path):
     ],
 )
 def test_causes_by_hand(velocity, others, said):
-    """The robot at (2, 2) on its way to (9, 2) touches a disc of 0.3 m at (2.5, 2); a small one that runs past does not touch."""
+    """The robot at (2, 2) on its way to (9, 2) touches a disc of 0.3 m at (2.5, 2), and none that runs past."""
     people = [((2.0, 2.6), (5.0, 5.0)), *others, ((2.5, 2.0), velocity)]
     t, line = 4.0, np.array([0.0, 1.0])
     courses = [(t - 0.5 + line, np.array(xy) + np.outer(line - 0.5, v)) for xy, v in people]

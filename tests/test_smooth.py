@@ -552,3 +552,13 @@ def test_a_path_of_many_kilometres_is_refused() -> None:
     path = plan(Grid(np.zeros((3, 30), bool), 1000.0), (500.0, 1500.0), (29_500.0, 1500.0), robot_radius=0.3)
     with pytest.raises(TooLarge, match=r"path\.length"):
         smooth(path, load_robot("diff"))
+
+
+def test_a_motion_keeps_arrays_of_its_own() -> None:
+    """It made those that it was given read-only, and could not be made of lists."""
+    t, still = np.array([0.0, 1.0]), [0.0, 0.0]
+    motion = Motion(t, [(1.0, 1.0), (1.0, 1.0)], still, np.zeros((2, 2)), still)  # type: ignore[arg-type]
+    check_motion(Grid(np.zeros((9, 9), dtype=bool)), RobotSpec(), motion)
+    assert t.flags.writeable and not motion.t.flags.writeable and motion.time == 1.0
+    with pytest.raises(BadParameter, match="heading"):
+        Motion(t, np.zeros((2, 2)), [[0.0], []], np.zeros((2, 2)), t)  # type: ignore[arg-type]

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from antway import checks
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
@@ -36,8 +38,10 @@ class Motion:
     turn_rate: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        for array in (self.t, self.xy, self.heading, self.velocity, self.turn_rate):
+        for name in ("t", "xy", "heading", "velocity", "turn_rate"):
+            array = checks.raw(name, getattr(self, name), "an array of numbers").copy()
             array.flags.writeable = False
+            object.__setattr__(self, name, array)
 
     def __repr__(self) -> str:
         return f"Motion({self.time:.2f} s, {self.length:.2f} m)"
