@@ -442,6 +442,16 @@ def test_who_stands_is_told_by_places() -> None:
     assert standing.walls() == {1: 0.0}
 
 
+def test_who_stands_in_scans_without_a_time_is_a_wall() -> None:
+    """They were taken for infinitely old, and so forgotten at once."""
+    policy = RoundsPolicy(make_policy("follow"), FOUR[:1])
+    policy.reset(hall(stops=FOUR[:1]).task, 0)
+    for t in range(5):
+        seen = Tracks([7], [(6.1, 5.4)], np.zeros((1, 2)), [0.3])
+        policy.act(Observation(float(t), (1.0, 1.0), (0.0, 0.0), 0.0, seen, stamp=-math.inf))
+    assert policy.standing.walls() == policy.walls == {7: 0.0}
+
+
 def test_obstacles_that_stand_block_the_cells_around_them() -> None:
     """Those whose centre is nearer than the radius and a margin; the others of whom nothing was asked stay free."""
     rng, standing = np.random.default_rng(4), StandingObstacles()

@@ -104,7 +104,8 @@ class RoundsPolicy:
     def act(self, observation: Observation) -> Command:
         """Return the command of the policy on the way to the next stop, or during service."""
         self.now, self.xy = observation.t, observation.xy
-        self.standing.observe(observation.tracks, observation.sensed_at)
+        sensed_at = observation.sensed_at
+        self.standing.observe(observation.tracks, sensed_at if sensed_at > -math.inf else self.now)
         if self.service is None and self.order and self._near(self.order[0]):
             self.service = _Service(self.order[0], self.now)
         if self.service is not None:
