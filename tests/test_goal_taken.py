@@ -12,7 +12,7 @@ from antway import BadParameter, Grid, Observation, RobotSpec, Scenario, Task, T
 from antway.arena.suites import SuiteEpisode, build, facts
 from antway.tables import NEED_PYRVO, POLICIES
 from antway.world.motions import Line
-from antway.world.nearby import TAKEN, approach, contact_radii, now
+from antway.world.nearby import TAKEN, approach, contact_radii, keeping_velocity, now
 from antway.world.world import Obstacle
 
 # Cells (m), how far the goal is from the centre of its cell (m), and how far behind it somebody stands (m).
@@ -186,11 +186,35 @@ def test_robots_that_would_leave_the_line_stop_and_turn_first() -> None:
     assert _approach(robot=WHEELS, heading=2.0 * math.pi)[2].velocity[0] > 0.9
 
 
+@pytest.mark.parametrize("angle", np.linspace(0.0, 2.0 * math.pi, 11)[:-1].tolist())
+def test_the_last_metres_are_alike_from_every_side(angle: float) -> None:
+    """Somebody stands behind the goal; who heads or drives straight to it goes on, others turn before."""
+    ahead = np.array((math.cos(angle), math.sin(angle)))
+    place = {"xy": tuple((8.0, 3.0) - 1.5 * ahead), "others": ((8.0, 3.0) + 0.5 * ahead,)}
+    assert _approach(**place)[2].velocity == pytest.approx(ahead)
+    assert _approach(**place, robot=RobotSpec(a_max=1.0), moves=tuple(0.9 * ahead))[2].velocity == pytest.approx(ahead)
+    for heading, speed in ((angle + 0.2, 1.0), (angle + 2.0 * math.pi, 1.0), (angle - 1.0, 0.0), (angle + math.pi, 0.0)):
+        assert math.hypot(*_approach(**place, robot=WHEELS, heading=heading)[2].velocity) == pytest.approx(speed, abs=0.1)
+
+
+@pytest.mark.parametrize(("v_max", "free"), [(0.5, False), (1.0, True)])
+def test_who_crosses_counts_for_as_long_as_the_robot_drives(v_max: float, free: bool) -> None:
+    """A slow robot is amid the path when somebody comes by, and a quick one is past."""
+    task = Task(Grid(np.zeros((60, 100), bool), 0.1), RobotSpec(v_max=v_max), (1.0, 3.0), (8.0, 3.0))
+    crossing = Tracks([0, 1], [(8.5, 3.0), (7.2, 0.7)], [(0.0, 0.0), (0.0, 1.0)], [0.3, 0.3])
+    assert (approach(task, Observation(0.0, (6.5, 3.0), (0.0, 0.0), 0.0, crossing), 0.2).command is not None) == free
+
+
 def test_tracks_are_extrapolated_and_margins_end_where_somebody_is_near() -> None:
     """Half a second after the scan they are on; contact is to begin at the margin, or short of where they are now."""
     seen = Tracks([0, 1], [(2.0, 3.0), (1.0, 3.7)], [(1.0, -2.0), (math.nan,) * 2], [0.3, 0.3])
     o = Observation(4.0, (1.0, 3.0), (0.0, 0.0), 0.0, seen, stamp=3.5)
     assert now(o)[0] == pytest.approx(np.array([(2.5, 2.0), (1.0, 3.7)])) and now(o)[1].tolist() == [[1.0, -2.0], [0.0, 0.0]]
+    kept = keeping_velocity(o, np.array([0.3, 0.4]), 2.0)
+    assert (
+        kept.knot_t.tolist() == [4.0, 6.0, 4.0, 6.0] and kept.first.tolist() == [0, 2, 4] and kept.radius.tolist() == [0.3, 0.4]
+    )
+    assert kept.knot_xy == pytest.approx(np.array([(2.5, 2.0), (4.5, -2.0), (1.0, 3.7), (1.0, 3.7)]))
     far, close = contact_radii(o, now(o)[0], o.xy, RobotSpec(), 0.2).tolist()
     assert far == pytest.approx(0.8) and 0.69 < close < 0.7
 

@@ -841,6 +841,17 @@ def test_tubes_are_learnt_to_hold_whatever_people_do(factor: float) -> None:
     assert (left_tubes(now, error, np.full(n, 0.3), 2.0, 0.05, factor)[first] == (error[first] > 0.3 * factor)).all()
 
 
+@pytest.mark.parametrize(("ahead", "left"), [(1.0, [True, False, True]), (1.5, [True, True, False])])
+def test_a_prediction_teaches_once_its_time_has_come(ahead: float, left: list[bool]) -> None:
+    """The factor is 1, then e^0.016 = 1.0161 after one who left, and 1.0121 after another who did not, a second later."""
+    error, now = np.array([2.0, 1.01, 1.013]), np.arange(3.0)
+    assert left_tubes(now, error, np.ones(3), ahead, 0.2, 1.0).tolist() == left
+    assert left_tubes(now, 0.5 * error, np.full(3, 0.5), ahead, 0.2, 1.0).tolist() == left
+    for chance, dof in ((0.05, 3.0), (0.2, 5.0)):
+        assert (1.0 + tube_radius(0.3, chance, dof) ** 2 / (dof * 0.3)) ** (-dof / 2.0) == pytest.approx(chance)
+    assert math.exp(-(tube_radius(0.3, 0.05, math.inf) ** 2) / 0.6) == pytest.approx(0.05)
+
+
 @pytest.mark.parametrize("people", [10, 100])
 def test_tubes_hold_in_crowds_that_are_recorded_often(people: int) -> None:
     """Of tubes that are right at first, 30 times a second for 12 s, `chance` leave to 3 points, though all are judged late."""

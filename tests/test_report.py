@@ -110,6 +110,7 @@ def test_a_summary_by_hand():
     assert times["a"].tolist() == [1.2] and math.isnan(times["b"][0])
     assert list(sections([replace(one, suite="t"), one])) == ["t", "s"]
     assert [line.level for line in summarise([one])] == ["low"]
+    assert [[line.policy for line in summarise([slow, one], order)] for order in (None, ["b", "a"])] == [["a", "b"], ["b", "a"]]
     assert [line.level for line in summarise([hung, one])] == ["low", "hung", ""]
     assert math.isnan(paired([died, replace(died, policy="c")], ["b", "c"])[1]["c"][0]), "nobody knows the optimum"
     fast = replace(one, episode="open/easy/1", group="open/easy", time=9.0, difficulty=1.0)
