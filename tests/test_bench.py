@@ -53,11 +53,11 @@ class Hangs(Follow):
 
 
 class Counts(Follow):
-    """Leaves a line in the file $EPISODES_BEGUN for each episode that it begins."""
+    """Leaves a line in the file begun.txt of the working directory for each episode that it begins."""
 
     def reset(self, task, seed):
         super().reset(task, seed)
-        with open(os.environ["EPISODES_BEGUN"], "a") as file:
+        with open("begun.txt", "a") as file:
             file.write(f"{seed}\n")
 
 
@@ -129,10 +129,10 @@ def words(out, *more, suite="synthetic"):
     return [suite, "--episodes", "1", "--policies", "follow", "--workers", "2", "--out", str(out), *more]
 
 
-def command(out, *more, suite="synthetic"):
+def command(out, *more):
     """A process of `antway bench`."""
     start = f"import sys; sys.path.append({str(Path(__file__).parent)!r}); from antway.cli import main; main()"
-    return [sys.executable, "-c", start, "bench", *words(out, *more, suite=suite)]
+    return [sys.executable, "-c", start, "bench", *words(out, *more)]
 
 
 def run_bench(monkeypatch, *line):
@@ -149,10 +149,12 @@ def test_kill_and_resume(tmp_path, monkeypatch):
     """C34: killed at random moments and begun again until done, a run has the rows of one left alone; little is redone."""
     whole, broken, kills = tmp_path / "whole", tmp_path / "broken", cases(2, 50)
     counted = ("--policies", "test_bench:Counts", "--episodes", str(1 + kills // 6))
-    monkeypatch.setenv("EPISODES_BEGUN", str(tmp_path / "whole.txt"))
-    subprocess.run(command(whole, *counted), check=True, capture_output=True)
+    for folder in (whole, broken):
+        folder.mkdir()
+    monkeypatch.chdir(whole)
+    assert run_bench(monkeypatch, *words(whole, *counted)) == 0
     total = count(whole)
-    monkeypatch.setenv("EPISODES_BEGUN", str(tmp_path / "broken.txt"))
+    monkeypatch.chdir(broken)
     rng, kept = random.Random(5), 0
     for _ in range(kills):
         with subprocess.Popen(command(broken, *counted), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as one:
@@ -163,10 +165,10 @@ def test_kill_and_resume(tmp_path, monkeypatch):
         assert count(broken) >= kept, "a finished episode was lost"
         kept = count(broken)
     assert kept > 0
-    subprocess.run(command(broken, *counted), check=True, capture_output=True)
+    assert run_bench(monkeypatch, *words(broken, *counted)) == 0
     assert same(broken / "results.db") == same(whole / "results.db")
-    started = (tmp_path / "broken.txt").read_text().splitlines()
-    assert len((tmp_path / "whole.txt").read_text().splitlines()) == total == len(set(started))
+    started = (broken / "begun.txt").read_text().splitlines()
+    assert len((whole / "begun.txt").read_text().splitlines()) == total == len(set(started))
     assert len(started) <= total + 2 * kills, "more than one episode a worker was redone"
     assert (broken / "report.html").is_file() and (broken / "results.csv").is_file()
 
@@ -179,14 +181,16 @@ def count(folder):
         return 0
 
 
-def test_two_runs_on_one_file(tmp_path):
+def test_two_runs_on_one_file(tmp_path, monkeypatch):
     """C36: two runs on one file at once do each other no harm; every episode is there once."""
     for k in range(cases(1, 20)):
         out = tmp_path / str(k)
-        runs = [subprocess.Popen(command(out), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) for _ in range(2)]
-        for one in runs:
-            _, printed = one.communicate()
-            assert one.returncode == 0, printed
+        with subprocess.Popen(command(out), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as other:
+            while other.poll() is None and count(out) < 1:
+                time.sleep(0.1)
+            assert run_bench(monkeypatch, *words(out)) == 0
+            _, printed = other.communicate()
+            assert other.returncode == 0, printed
         assert count(out) == 18 and same(out / "results.db") == same(tmp_path / "0" / "results.db")
 
 
@@ -254,16 +258,6 @@ def test_wrong_input_is_refused(tmp_path, monkeypatch, capsys, change, printed):
     assert status == 2 and printed in shown.err and not shown.out and not (tmp_path / "x" / "results.csv").exists()
 
 
-def test_a_warning_about_a_recording_is_given_once(tmp_path):
-    """The workers, who read the file as well, do not repeat it with a line of the library's source."""
-    rows = [f"{1000 * second},{person},{second + person},{person}" for second in range(12) for person in range(4)]
-    (tmp_path / "milliseconds.csv").write_text("\n".join(rows))
-    line = command(tmp_path / "b", "--workers", "1", "--export", "csv", suite=f"tracks:{tmp_path / 'milliseconds.csv'}")
-    said = subprocess.run(line, check=True, capture_output=True, text=True).stderr
-    assert said.count("are times in s") == 1 and "milliseconds.csv: who walks does so at" in said
-    assert "UserWarning" not in said
-
-
 def test_policies_of_others_repeat_themselves(tmp_path):
     """A policy that draws from global random state does the same whatever its process played before."""
     two = [Job(one, "test_bench:Draws") for one in episodes("synthetic", 1)[:2]]
@@ -273,14 +267,18 @@ def test_policies_of_others_repeat_themselves(tmp_path):
     assert same(tmp_path / "0.db") == same(tmp_path / "1.db")
 
 
-def test_what_policies_print_is_not_in_the_answer(tmp_path):
-    """It goes to stderr, also under antway run."""
+def test_what_policies_print_is_not_in_the_answer_and_a_warning_is_given_once(tmp_path):
+    """It goes to stderr, also under antway run; workers do not repeat a warning with a line of the library's source."""
+    rows = [f"{1000 * second},{person},{second + person},{person}" for second in range(12) for person in range(4)]
+    (tmp_path / "milliseconds.csv").write_text("\n".join(rows))
     place = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
-    bench_line = ["bench", *words("b", "--policies", "test_bench:Prints", "--workers", "1", suite="barn")]
-    for line in (["run", "paper", "--policy", "test_bench:Prints"], bench_line):
+    bench_line = words("b", "--policies", "test_bench:Prints", "--workers", "1", suite="tracks:milliseconds.csv")
+    for line in (["run", "paper", "--policy", "test_bench:Prints"], ["bench", *bench_line]):
         line = [sys.executable, "-m", "antway", *line, "--json"]
         printed = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, env=place)
         assert json.loads(printed.stdout) and "I begin" in printed.stderr
+    assert printed.stderr.count("are times in s") == 1 and "milliseconds.csv: who walks does so at" in printed.stderr
+    assert "UserWarning" not in printed.stderr
 
 
 def test_the_optimum_is_known_where_one_policy_hung():
