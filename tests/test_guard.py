@@ -304,7 +304,7 @@ def test_errors_of_velocities_count_in_mode_strict(angle: float, a_max: float) -
     assert list(seen.values()) == pytest.approx([0.6, 0.6, 0.5, 0.5, 0.4, 0.4, 0.4, 0.4])
 
 
-@pytest.mark.parametrize("what", ["xy", "velocity", "radius", "lengths", "covariance", "own"])
+@pytest.mark.parametrize("what", ["xy", "velocity", "radius", "lengths", "covariance", "covariances", "own"])
 def test_observations_that_make_no_sense_raise(what: str) -> None:
     """NaN, infinite or negative numbers and arrays of unequal length raise `BadParameter`: no command comes out."""
     guard = Guard()
@@ -320,6 +320,8 @@ def test_observations_that_make_no_sense_raise(what: str) -> None:
         xy = np.zeros((2, 2))
     elif what == "covariance":
         covariance = np.full((1, 4, 4), -1.0)
+    elif what == "covariances":
+        covariance = np.zeros((2, 4, 4))
     else:
         own = (math.nan, 5.0)
     o = Observation(0.0, own, (0.0, 0.0), 0.0, Tracks(np.array([0]), xy, velocity, radius, covariance))

@@ -96,9 +96,13 @@ def test_observations_come_over_as_they_are(process: GuardProcess) -> None:
     process.link.views["observation"][0] = -1.0  # as while it is written
     assert link.observed(number - 1) is None
     link.close()
-    many = np.zeros((n + 1, 2))
-    with pytest.raises(BadInput):
-        process.observe(Observation(0.0, (5.0, 5.0), (0.0, 0.0), 0.0, Tracks(np.arange(n + 1), many, many, np.ones(n + 1))))
+    many, before = np.zeros((n + 1, 2)), process.link.views["observation"].tolist()
+    wrong = [replace(o, tracks=Tracks(np.arange(n + 1), many, many, np.ones(n + 1))), replace(o, pending=np.zeros((2, 3)))]
+    wrong += [replace(o, tracks=replace(tracks, covariance=tracks.covariance[:1]))]
+    for one in wrong:  # what is refused is not written, and has no number
+        with pytest.raises(BadInput):
+            process.observe(one)
+    assert process.link.views["observation"].tolist() == before and process.number == number
 
 
 def test_an_observation_that_makes_no_sense_brakes(process: GuardProcess) -> None:

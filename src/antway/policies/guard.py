@@ -53,8 +53,8 @@ def check_observation(o: Observation) -> Observation:
     TooLarge
         For more tracks than the limit.
     """
+    check_shapes(o)
     t, n = o.tracks, len(o.tracks)
-    check_lengths(t)
     if n > MAX_TRACKS:
         raise TooLarge("tracks", n, f"at most {MAX_TRACKS}")
     what = kernel.fault(*o.xy, *o.velocity, o.heading, t.id, t.xy, t.velocity, t.radius)
@@ -65,10 +65,10 @@ def check_observation(o: Observation) -> Observation:
     if not (abs(o.t) <= MAX_CLOCK and stamped and abs(o.turn_rate) <= MAX_ANGLE):
         allowed = f"within {MAX_CLOCK:g} s and {MAX_ANGLE:g} rad/s; a stamp may be NaN (now) or -inf (nothing sensed yet)"
         raise BadParameter("observation.t, stamp, turn_rate", (o.t, o.stamp, o.turn_rate), allowed)
-    if o.pending is not None and (o.pending.ndim != 2 or o.pending.shape[1] != 2 or not np.isfinite(o.pending).all()):
+    if o.pending is not None and not np.isfinite(o.pending).all():
         raise BadParameter("observation.pending", o.pending, "float64[M, 2], finite")
     if t.covariance is not None:
-        spread = t.covariance.diagonal(axis1=1, axis2=2) if t.covariance.shape == (n, 4, 4) else np.array([-1.0])
+        spread = t.covariance.diagonal(axis1=1, axis2=2)
         if not ((spread >= 0.0) & (spread <= MAX_PLACE**2)).all() or not np.isfinite(t.covariance).all():
             raise BadParameter("tracks.covariance", t.covariance, f"float64[{n}, 4, 4] of finite numbers, variances >= 0")
     if _EARLY < o.stamp - o.t <= _NEWER:
@@ -83,11 +83,15 @@ def at_scan(o: Observation) -> Observation:
     return replace(o, t=o.stamp, xy=place, heading=o.heading + o.turn_rate * ahead)
 
 
-def check_lengths(t: Tracks) -> None:
-    """Raise `BadParameter` if the arrays of tracks differ in length."""
-    n = len(t)
+def check_shapes(o: Observation) -> None:
+    """Raise `BadParameter` if the arrays of tracks differ in length, or covariances or pending commands in shape."""
+    t, n = o.tracks, len(o.tracks)
     if t.id.shape != (n,) or t.xy.shape != (n, 2) or t.velocity.shape != (n, 2) or t.radius.shape != (n,):
         raise BadParameter("tracks", (t.xy.shape, t.velocity.shape, t.radius.shape), f"of {n} tracks each, as id is")
+    if t.covariance is not None and t.covariance.shape != (n, 4, 4):
+        raise BadParameter("tracks.covariance", t.covariance, f"float64[{n}, 4, 4]")
+    if o.pending is not None and (o.pending.ndim != 2 or o.pending.shape[1] != 2):
+        raise BadParameter("observation.pending", o.pending, "float64[M, 2]")
 
 
 def assumed_accel(task: Task, mode: str) -> float:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from antway.errors import TooLarge
-from antway.policies.guard import DID, check_lengths
+from antway.policies.guard import DID, check_shapes
 from antway.world.policy import Command, Observation, Tracks
 
 MAX_TRACKS = 1024  # limit of tracks in an observation
@@ -123,7 +123,7 @@ class Link:
         pending = 0 if o.pending is None else len(o.pending)
         if n > MAX_TRACKS or pending > _PENDING:
             raise TooLarge("tracks, pending", (n, pending), f"at most {MAX_TRACKS} and {_PENDING}")
-        check_lengths(t)
+        check_shapes(o)
         view, views = self._cleared("observation"), self.views
         names, xy, velocity, radius = _arrays(n, self.memory, _TRACKS)
         names[:], xy[:], velocity[:], radius[:] = t.id, t.xy, t.velocity, t.radius

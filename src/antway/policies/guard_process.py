@@ -149,8 +149,8 @@ class GuardProcess:
 
     def observe(self, o: Observation) -> int:
         """Write an observation for guard and planner; return its number."""
+        self.link.observe(self.number + 1, o)
         self.number += 1
-        self.link.observe(self.number, o)
         self.link.ring("guard", "planner")
         return self.number
 
