@@ -127,28 +127,34 @@ RULE_CASES = [make_rule(name, persistence=Constant(0.7)) for name in RULES]
 RULE_CASES += [make_rule("as", persistence=p) for p in (Adaptive(), Printed(), Decay(0.9, 0.8, 0.3), ByQuality(0.2, 0.9, 0.3))]
 RULE_CASES += [make_rule("as", persistence=ByQuality(0.2, 0.9, 0.3), beta=0.0), make_rule("acs", persistence=Printed())]
 RULE_CASES += [make_rule("mmas", schedule=((0, 1),)), make_rule("eas", elite=2.5), make_rule("rank", ranks=3)]
+RULE_CASES += [make_rule("mmas", restart=2, schedule=((0, 2), (2, 1)), persistence=Decay(0.9, 0.8, 0.3))]
 
 
 @pytest.mark.parametrize("rule", RULE_CASES, ids=lambda r: f"{type(r).__name__}-{type(r.persistence).__name__}")
 def test_a_cycle_ends_with_the_pheromone_of_equation_2(rule):
-    """Fading and deposits of every rule and persistence agree with the naive twin, edge by edge, to 1e-12."""
-    rng = np.random.default_rng(4)
+    """Fading and deposits of every rule and persistence agree with the naive twin, edge by edge, to 1e-12; so do restarts."""
+    rng, restart = np.random.default_rng(4), getattr(rule, "restart", 1000)
     for trial in range(costly(5, 100)):
         graph = random_ground(rng)
         trail = Trail(graph, rule, 6, "field")
         walkers = Ants(graph, 6, 40)
-        for t in range(4):
-            before = trail.tau.copy()
+        began, improved = 0, -1
+        for t in range(4 if restart == 1000 else 9):
+            before, shortest = trail.tau.copy(), trail.best
             walkers.walk(trail.weights(), trial, 6 * t, Budget().start())
             trail.learn(walkers, t)
             paths = [walkers.path(ant).tolist() if walkers.depth[ant] >= 0 else None for ant in range(6)]
             best = trail.path.tolist() if trail.best < math.inf else None
             old = {(c, k): before[c, k] for c, k in np.argwhere(before > 0).tolist()}
-            args = (old, trail.tau_0, trail.tau_min, trail.tau_max, graph.offsets, graph.start, paths, best, t)
+            args = (old, trail.tau_0, trail.tau_min, trail.tau_max, graph.offsets, graph.start, paths, best, t - began)
             new = naive.update(rule, *args)
+            improved = t if trail.best < shortest else improved
+            if t - max(improved, began - 1) >= restart:
+                new, began = dict.fromkeys(new, trail.tau_max), t + 1
             assert [tuple(edge) for edge in np.argwhere(trail.tau > 0).tolist()] == sorted(new)
             for (cell, k), value in new.items():
                 assert trail.tau[cell, k] == pytest.approx(value, rel=1e-12)
+        assert began > 0 or restart == 1000
 
 
 POLICIES = {Adaptive(): 10_000, Constant(0.5): 10_000, Constant(0.0): 500, Decay(): 500, ByQuality(): 500}

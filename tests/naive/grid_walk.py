@@ -88,7 +88,7 @@ def rho(policy, tau, least, t, excess):
 
 
 def update(rule, tau, first, low, high, offsets, start, paths, best, t):
-    """The end of a cycle on a dictionary {(cell, move): pheromone}; `best` is the best path so far, or None."""
+    """The end of cycle `t` since the last restart on {(cell, move): pheromone}; `best` is the best path so far, or None."""
     kind, tau = type(rule).__name__, dict(tau)
     ranked = sorted((p for p in paths if p is not None), key=length)
     excess = length(ranked[0]) / length(best) - 1 if ranked else math.inf
@@ -120,7 +120,7 @@ def update(rule, tau, first, low, high, offsets, start, paths, best, t):
                 deposit(path, rule.ranks - r)
             if best:
                 deposit(best, rule.ranks)
-        elif (t + 1) % rule.schedule[0][1] == 0:
+        elif (t + 1) % max(pair for pair in rule.schedule if pair[0] <= t)[1] == 0:
             if best:
                 deposit(best, 1)
         elif ranked:

@@ -233,7 +233,7 @@ class Trail:
         pheromone = kernel.Pheromone(self.tau, self.eta, self.tau_0, self.tau_min, self.tau_max)
         paths = kernel.Paths(walkers.moves, walkers.depth, walkers.length)
         since = t - self._restarted - 1
-        kernel.update(self.graph.for_kernels, numbers, pheromone, paths, order, self.path, self.best, t, since)
+        kernel.update(self.graph.for_kernels, numbers, pheromone, paths, order, self.path, self.best, since)
         if self.numbers.restart and t - max(self._improved, self._restarted) >= self.numbers.restart:
             self._restarted = t
             self.tau[self.eta > 0] = self.tau_max

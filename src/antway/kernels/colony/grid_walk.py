@@ -244,12 +244,11 @@ def update(
     best_path: NDArray[np.uint8],
     best: float,
     t: int,
-    since: int,
 ) -> None:
     """End a cycle by Eq. (2): pheromone evaporates, and ants that arrived deposit multiples of Q / L_k by the rule.
 
     `order` ranks the ants by length. `best_path` and `best` are the best so far (empty and infinite if there is none). `t` is
-    the number of cycles done, `since` that since the last restart.
+    the number of cycles done since the last restart.
     """
     tau, eta, offsets = pheromone.tau, pheromone.eta, graph.offsets
     moves, depth, length = paths.moves, paths.depth, paths.length
@@ -265,7 +264,7 @@ def update(
             cell += offsets[k]
     else:
         evaporate(tau, eta, rule.persistence_rule, t, excess)
-        champion = best_deposits(rule.schedule, since)
+        champion = best_deposits(rule.schedule, t)
         if rule.elite > 0.0 and (champion or len(rule.schedule) == 0):
             deposit(graph, tau, best_path, len(best_path), rule.elite * rule.q / best)
         for rank in range(depth.size):
