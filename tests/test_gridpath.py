@@ -13,7 +13,7 @@ from antway.ants import grid_walk as walkers
 from antway.ants.gridpath import ants, explore
 from antway.ants.immune import Immune
 from antway.ants.persistence import Adaptive, Constant, Printed
-from antway.ants.rules import RULES, MaxMinAntSystem
+from antway.ants.rules import RULES, AntColonySystem, MaxMinAntSystem
 from antway.errors import BadInput, BadParameter, TooLarge
 from antway.grid import Grid, Moves
 from antway.planning import Budget, Plan, Problem, Status
@@ -242,6 +242,37 @@ def test_pheromone_left_by_one_colony_starts_the_next():
     assert warm.history[0, 1] < 0.9 * explore(problem, seed=2, cycles=1, **options).history[0, 1]
     corridor = explore(problem, seed=2, cycles=1, pheromone="corridor", **options)
     assert corridor.history[0, 1] < explore(problem, seed=2, cycles=1, **options).history[0, 1]
+
+
+def test_given_pheromone_is_kept_within_the_limits():
+    """Of a rule with limits; it is refused where ants have nothing to search, too, if it is none."""
+    problem = Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2))
+    usual = explore(problem, rule="mmas", cycles=0).pheromone
+    given = np.full(usual.shape, 1e-9)
+    given[1] = 1e9
+    started = explore(problem, rule="mmas", cycles=0, pheromone=given).pheromone
+    assert (started[1] == usual[1]).all() and started[1].max() == usual.max()
+    low = started[[0, 2]][usual[[0, 2]] > 0.0]
+    assert 0.0 < low.min() == low.max() < usual.max()
+
+
+@pytest.mark.parametrize("ends", [((0, 0), (0, 0)), ((0, 0), (2, 2))])
+@pytest.mark.parametrize("wrong", ["thick", np.ones((3, 2, 8)), np.full((3, 3, 8), math.nan), None])
+def test_wrong_pheromone_is_refused_where_there_is_nothing_to_search(ends, wrong):
+    """At the goal, or where no path leads there, it used to be taken for pheromone."""
+    blocked = np.eye(3, dtype=bool)[::-1]
+    with pytest.raises(BadInput, match="pheromone"):
+        explore(Problem(Grid(blocked), *ends), pheromone=wrong)
+
+
+def test_greedy_ants_of_acs_take_the_best_move():
+    """With q0 = 1 all ants of a cycle go the same way; the smaller it is, the more their paths differ."""
+    problem = Problem(Grid(np.zeros((20, 20), dtype=bool)), (0, 0), (19, 7))
+    over = []
+    for q0 in (1.0, 0.9, 0.0):
+        best, mean = explore(problem, rule=AntColonySystem(q0=q0), heuristic="goal", cycles=1).history[0, :2]
+        over.append(mean / best)
+    assert over[0] == pytest.approx(1.0) and over[0] < over[1] < over[2]
 
 
 def test_the_immune_operator_keeps_paths_legal_and_runs_repeatable():

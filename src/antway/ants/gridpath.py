@@ -182,6 +182,10 @@ def explore(
         step_limit = checks.integer("step_limit", step_limit, low=0, high=2**24)
     immunity = None if immune is None else Immunity(checks.instance("immune", immune, Immune), False, seed)
     local, window = _local(problem, window, forbidden)
+    if isinstance(pheromone, str):
+        checks.choice("pheromone", pheromone, ("uniform", "corridor"))
+    else:
+        pheromone = checks.array("pheromone", pheromone, (*window[2:], 8))
 
     def result(status: Status, path: NDArray[np.uint8] | None = None, bound: float = 0.0, steps: int = 0) -> Exploration:
         tau = np.zeros((*window[2:], 8)) if trail is None else trail.tau.reshape(window[2] + 2, -1, 8)[1:-1, 1:-1]
@@ -247,9 +251,9 @@ def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None)
     return Problem(grid, start, goal, problem.moves), (row, col, rows, cols)
 
 
-def _set_pheromone(trail: Trail, pheromone: str | ArrayLike) -> None:
+def _set_pheromone(trail: Trail, pheromone: str | NDArray[np.float64]) -> None:
     """Set the initial pheromone of a colony, if it is not uniform."""
-    if isinstance(pheromone, str) and checks.choice("pheromone", pheromone, ("uniform", "corridor")) == "uniform":
+    if isinstance(pheromone, str) and pheromone == "uniform":
         return
     graph = trail.graph
     legal = trail.tau > 0
@@ -259,8 +263,7 @@ def _set_pheromone(trail: Trail, pheromone: str | ArrayLike) -> None:
         over = from_cell[cell] + Moves.EIGHT.lengths[move] + graph.distance[cell + graph.offsets[move]]
         trail.tau[cell, move] *= np.exp(graph.bound - over)
     else:
-        left = checks.array("pheromone", pheromone, (*graph.problem.grid.shape, 8))
-        trail.tau = np.where(legal, graph.flat(left), 0.0)
+        trail.tau = np.where(legal, graph.flat(pheromone), 0.0)
         if not (trail.tau[legal] > 0).all():
             raise BadParameter("pheromone", float(trail.tau[legal].min()), "> 0 on every legal move")
     trail.tau[legal] = trail.tau[legal].clip(trail.tau_min, trail.tau_max)
