@@ -206,6 +206,7 @@ def test_local_update_of_acs():
         (RankBasedAntSystem, {"ranks": 0}),
         (MaxMinAntSystem, {"p_best": 1.0}),
         (MaxMinAntSystem, {"schedule": ((1, 5),)}),
+        (MaxMinAntSystem, {"schedule": ((0, 5), (0, 7))}),
         (MaxMinAntSystem, {"restart": -1}),
         (MaxMinAntSystem, {"choices": 1.0}),
         (AntColonySystem, {"q0": 1.5}),

@@ -142,7 +142,7 @@ class MaxMinAntSystem(_RuleFields):
         allowed = "(cycle, every) pairs of rising cycles from 0"
         pairs = [checks.sequence("schedule", pair, allowed) for pair in checks.sequence("schedule", self.schedule, allowed)]
         cycles = [checks.integer("schedule", pair[0], low=0) for pair in pairs if len(pair) == 2]
-        if cycles[:1] != [0] or cycles != sorted(cycles) or len(cycles) < len(pairs):
+        if cycles[:1] != [0] or cycles != sorted(set(cycles)) or len(cycles) < len(pairs):
             raise BadParameter("schedule", self.schedule, allowed)
         for _, every in pairs:
             checks.integer("schedule", every, low=1)
