@@ -423,6 +423,8 @@ def test_a_file_of_stops_is_read(tmp_path) -> None:
         ("x,y\n1,abc\n", r"stops.csv:2: y = 'abc'"),
         ("x,y\n1,nan\n", r"stops.csv:2: y = nan"),
         ("x,y,earliest,latest\n1,2,9,8\n", r"stops.csv:2: latest = 8.0"),
+        ("x,y,earliest\n1,2,inf\n", r"stops.csv:2: earliest = inf"),
+        ("x,y,service\n1,2,2e9\n", r"stops.csv:2: service = 2000000000.0"),
         ("x,y,x\n1,2,3\n", "given once"),
         ("x,y\n", "one stop or more"),
         ('x,y\n"1,2\n', "comma-separated"),

@@ -114,8 +114,9 @@ def _stop(columns: list[str], row: list[str], where: str) -> dict[str, Any]:
                 value = float(text)
             except ValueError:
                 raise BadParameter(name, text, "a number", where=where) from None
-            low = -1e9 if name in ("x", "y", "earliest") else 0.0
-            defaults[name] = checks.number(name, value, low=low, infinite=name in ("earliest", "latest"), where=where)
+            low, open_end = -1e9 if name in ("x", "y", "earliest") else 0.0, name == "latest"
+            high = math.inf if open_end else 1e9
+            defaults[name] = checks.number(name, value, low=low, high=high, infinite=open_end, where=where)
     if defaults["latest"] < defaults["earliest"]:
         raise BadParameter("latest", defaults["latest"], f"no earlier than earliest, {defaults['earliest']:g} s", where=where)
     return defaults
