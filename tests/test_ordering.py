@@ -12,6 +12,7 @@ import pytest
 
 import naive.ordering as naive
 from antway.errors import BadInput, BadParameter, TooLarge
+from antway.kernels.base.rng import below, uniform
 from antway.kernels.colony import fleet as kernel
 from antway.tours.fleet import _fleet, layout
 from antway.tours.ordering import Ordering, order_stops
@@ -531,6 +532,11 @@ def random_routes(rng: np.random.Generator, n: int, k: int) -> tuple[kernel.Flee
     return fleet, routes
 
 
+def listed(routes: kernel.FleetRoutes) -> list[list[int]]:
+    """The stops of each route, with start and end."""
+    return [row[:size].tolist() for row, size in zip(routes.stops, routes.sizes)]
+
+
 def test_a_stop_is_inserted_where_it_costs_least() -> None:
     """In time, and with less than the greatest detour; one place in a hundred is not looked at."""
     rng, best, refused = np.random.default_rng(6), 0, 0
@@ -538,7 +544,7 @@ def test_a_stop_is_inserted_where_it_costs_least() -> None:
         n, k = int(rng.integers(6, 11)), int(rng.integers(1, 4))
         fleet, routes = random_routes(rng, n, k)
         stop = int(rng.choice(np.flatnonzero(routes.route[1:-1] == kernel.OUT) + 1))
-        orders = [routes.stops[r, : routes.sizes[r]].tolist() for r in range(k)]
+        orders = listed(routes)
         windows, costs = np.c_[fleet.opens, fleet.closes].tolist(), {}
         for r, order in enumerate(orders):
             for p in range(1, len(order)):
@@ -552,7 +558,7 @@ def test_a_stop_is_inserted_where_it_costs_least() -> None:
         r = int(routes.route[stop])
         refused += r == kernel.OUT
         if r != kernel.OUT:
-            order = routes.stops[r, : routes.sizes[r]].tolist()
+            order = listed(routes)[r]
             p = order.index(stop)
             assert order == [*orders[r][:p], stop, *orders[r][p:]] and (r, p) in costs
             best += costs[r, p] == pytest.approx(min(costs.values()))
@@ -575,11 +581,66 @@ def test_a_string_of_stops_is_removed_around_one() -> None:
             routes = kernel.routes(size + 2, 1)
             routes.stops[0], routes.sizes[0], routes.route[1:-1] = range(size + 2), size + 2, 0
             kernel.remove_string(fleet, routes, 0, place, length, state)
-            left = routes.stops[0, : routes.sizes[0]].tolist()
+            left = listed(routes)[0]
             found.add(tuple(p for p in range(1, size + 1) if p not in left))
             assert left == sorted(left) and set(np.flatnonzero(routes.route != kernel.OUT)) == set(left[1:-1])
         most = max(wanted.values())
         assert {one for one, staying in wanted.items() if staying in (0, most)} <= found <= set(wanted)
+
+
+def test_absent_stops_are_inserted_in_one_of_six_orders() -> None:
+    """By time from the start or the other way round, by the end or the length of their windows, by price, or at random."""
+    rng, seen = np.random.default_rng(9), set()
+    fleet, _ = random_routes(rng, 9, 2)
+    fleet = fleet._replace(price=rng.uniform(1.0, 9.0, 9))
+    widths = fleet.closes - fleet.opens
+    for seed in range(60):
+        state, absent, keys = np.array([seed], dtype=np.uint64), np.zeros(9, dtype=np.int32), np.zeros(9)
+        dice = state.copy()
+        kind, routes = int(below(dice, 8)), kernel.routes(9, 2)
+        for r in range(2):
+            kernel.refresh(fleet, routes, r)
+        kernel.recreate(fleet, routes, absent, keys, state)
+        chance = np.array([uniform(dice) for _ in range(7)])
+        wanted = [fleet.cost[0], -fleet.cost[0], fleet.closes, widths, *(None,) * 4][kind]
+        wanted = chance if wanted is None else wanted[1:-1]
+        wanted = -fleet.price[1:-1] * (0.5 + chance) if kind == 4 else wanted
+        assert absent[:7].tolist() == (1 + np.argsort(wanted)).tolist() and keys[:7].tolist() == sorted(wanted)
+        assert (routes.route[1:-1] != kernel.OUT).sum() == routes.sizes.sum() - 4 > 0
+        seen.add(kind)
+    assert seen == set(range(8))
+
+
+@pytest.mark.parametrize("temperature", [0.0, 2.0])
+def test_worse_routes_are_kept_as_often_as_the_temperature_says(temperature: float) -> None:
+    """With the probability exp(-increase / temperature), and better ones always; the best routes are those of all."""
+    rng, worse, kept, expected = np.random.default_rng(10), 0, 0, 0.0
+    fleet, first = random_routes(rng, 10, 2)
+    near = np.array([[j for j in np.argsort(fleet.time[i]) if j not in (0, i, 9)][:7] for i in range(10)], dtype=np.int32)
+    fleet, (trial, now, best, given) = fleet._replace(near=near), (kernel.routes(10, 2) for _ in range(4))
+    kernel.restore(fleet, first, given)
+    before, worth = kernel.objective(fleet, given)
+    for seed in range(cases(300, 3_000)):
+        state = np.array([seed], dtype=np.uint64)
+        kernel.restore(fleet, given, trial)
+        kernel.ruin(fleet, trial, np.zeros(2, dtype=np.bool_), state)
+        kernel.recreate(fleet, trial, np.zeros(10, dtype=np.int32), np.zeros(10), state)
+        cost, found = kernel.objective(fleet, trial)
+        made = listed(trial)
+        kernel.copy(given, now)
+        kernel.copy(given, best)
+        record = np.array([before, worth, before])
+        kernel.anneal(fleet, trial, now, best, record, np.uint64(seed), 1, temperature)
+        taken = listed(now) == made and record[kernel.COST] == cost
+        assert taken or (listed(now) == listed(given) and record[kernel.COST] == before)
+        better = taken and (found > worth or (found == worth and cost < before))
+        assert record[1:].tolist() == ([found, cost] if better else [worth, before])
+        assert listed(best) == (made if better else listed(given))
+        assert taken or cost >= before
+        if cost > before:
+            chance = math.exp((before - cost) / temperature) if temperature else 0.0
+            worse, kept, expected = worse + 1, kept + taken, expected + chance
+    assert worse > 30 and abs(kept - expected) <= 4.0 * math.sqrt(expected)
 
 
 def test_an_end_is_a_stop_or_the_start() -> None:
