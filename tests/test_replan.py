@@ -113,6 +113,20 @@ def test_wheels_too_near_a_wall_brake_on_the_arc_that_was_clear():
     assert policy.braked(o, Command((1.0, 0.0))).twist == (0.0, 0.7)
 
 
+@pytest.mark.parametrize("name", sorted(set(POLICIES) - {"antway", "oracle"}))
+def test_without_a_path_it_stands_and_says_so(name):
+    """A wall parts the map; `mppi` used to drive about there, and it, `follow` and `stop` said that they follow a path."""
+    if name in NEED_PYRVO:
+        pytest.importorskip("pyrvo")
+    walls = np.zeros((40, 60), np.bool_)
+    walls[:, 30] = True
+    policy = make_policy(name)
+    policy.reset(room(walls=walls).task, 1)
+    command = policy.act(Observation(0.0, (1.1, 4.1), (0.0, 0.0), 0.0, Tracks.none()))
+    assert command.velocity == (0.0, 0.0)
+    assert policy.explain().action == ("wait" if name == "dstarlite" else "brake" if name in ("replan", "sipp") else "stuck")
+
+
 def test_stop_leaves_somebody_who_is_nearer_than_its_margin():
     """They stand 3 cm behind it: it need not wait until they have gone farther away."""
     behind = Obstacle(0.3, Line((0.47, 4.1), (0.47, 4.1), 0.0))

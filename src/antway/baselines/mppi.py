@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from antway import checks
-from antway.baselines.replan import Avoider
+from antway.baselines.replan import STOP, Avoider
 from antway.kernels.base.jit import call
 from antway.kernels.base.rng import make_state
 from antway.kernels.baselines.mppi import Sampling, path_integral
@@ -99,6 +99,8 @@ class Mppi(Avoider):
     def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot = observation, self.task.robot
+        if not len(self.found(o).t):
+            return STOP
         start = o.state_at_action(robot)
         self.problem = self.problem._replace(start=start)
         xy, velocity = now(o)

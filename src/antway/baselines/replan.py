@@ -65,7 +65,17 @@ class Follow:
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o = acting(observation, self.task.robot)[0]
-        return self.braked(o, drive(self.task, o, self.path(o)))
+        path = self.found(o)
+        if len(path.t):
+            self.decide("follow", "the shortest path over the map")
+        return self.braked(o, drive(self.task, o, path))
+
+    def found(self, o: Observation) -> TimedPath:
+        """Return the path over the map; if there is none, the decision says so."""
+        path = self.path(o)
+        if not len(path.t):
+            self.decide("stuck", "the map has no path for this robot")
+        return path
 
     def path(self, o: Observation, segments: NDArray[np.float64] = NO_SEGMENTS) -> TimedPath:
         """Return the path that arrives first from the robot's place, empty if there is none.
@@ -90,12 +100,10 @@ class Follow:
     def target(self, o: Observation, within: float, beyond: float = 0.0) -> XY | None:
         """Return the farthest visible node of the path, at most `within` m along it, or the goal if that is visible.
 
-        If it is nearer than `beyond` m, the first node that is not takes its place. If there is no path, the decision says so,
-        and there is no target.
+        If it is nearer than `beyond` m, the first node that is not takes its place. Without a path there is no target.
         """
-        path, task = self.path(o), self.task
+        path, task = self.found(o), self.task
         if not len(path.t):
-            self.decide("stuck", "the map has no path for this robot")
             return None
         if clear(task, o.xy, task.goal):
             return task.goal
@@ -186,10 +194,12 @@ class Stop(Avoider):
 
     def steer(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
-        o, robot, path = observation, self.task.robot, self.path(observation)
+        o, robot, path = observation, self.task.robot, self.found(observation)
+        if not len(path.t):
+            return STOP
         radius = contact_radii(o, now(o)[0], o.xy, robot, self.margin) - robot.radius
         discs = keeping_velocity(o, radius, self.lookahead)
-        if len(path.t) and first_conflict(path.t, path.xy, o.t + self.lookahead, robot.radius, 0.0, discs)[0] < math.inf:
+        if first_conflict(path.t, path.xy, o.t + self.lookahead, robot.radius, 0.0, discs)[0] < math.inf:
             self.decide("wait", "an obstacle crosses the path ahead")
             return STOP
         self.decide("follow", "the path ahead is free")
