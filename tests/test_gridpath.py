@@ -368,15 +368,17 @@ class _Looks(threading.Event):
         return self.count > self.n
 
 
-def test_the_clock_is_looked_at_in_every_pass_over_the_map():
+def test_the_clock_is_looked_at_in_every_pass_over_the_map(monkeypatch):
     """C10: cancelled at whichever look, the search ends after few more, with a legal plan; passes over the map look often."""
-    blocked = np.random.default_rng(3).random((400, 400)) < 0.2
-    blocked[0, 0] = blocked[399, 399] = False
-    problem = Problem(Grid(blocked), (0, 0), (399, 399))
+    assert walkers.PART <= 2**15, "looks on a large map, about 5 ms apart"
+    monkeypatch.setattr(walkers, "PART", 2**12)
+    blocked = np.random.default_rng(3).random((140, 140)) < 0.2
+    blocked[0, 0] = blocked[139, 139] = False
+    problem = Problem(Grid(blocked), (0, 0), (139, 139))
     whole = _Looks(10**9)
     done = ants(problem, budget=Budget(cancel=whole), cycles=1, ants=4)
     check_plan(problem, done)
-    passes = 4 * math.ceil(402 * 402 / walkers.PART)  # what is seen, counted, laid and weighed
+    passes = 4 * math.ceil(142 * 142 / walkers.PART)  # what is seen, counted, laid and weighed
     assert whole.count >= passes
     for n in range(whole.count):
         looks = _Looks(n)

@@ -393,7 +393,7 @@ def test_spends_no_more_than_it_may() -> None:
     for more in ({}, {"windows": np.tile([0.0, 2_000.0], (60, 1))}, {"robots": 2}):
         order_stops(matrix, cycles=1, **more)
         begun = time.perf_counter()
-        order_stops(matrix, seconds=0.2, **more)
+        order_stops(matrix, seconds=0.05, **more)
         assert time.perf_counter() - begun < 10.0  # far above, so that a busy machine fails nothing
     many = 500
     xy = rng.random((many, 2)) * 100
@@ -401,7 +401,7 @@ def test_spends_no_more_than_it_may() -> None:
     windows = np.c_[np.zeros(many), rng.uniform(10.0, 2_000.0, many)]
     order_stops(matrix[:20, :20], windows=windows[:20], cycles=1)
     begun = time.process_time()
-    order_stops(matrix, seconds=0.5, windows=windows)
+    order_stops(matrix, seconds=0.2, windows=windows)
     assert time.process_time() - begun < 2.0, "what windows decide alone would take a second and a half more"
     begun = time.process_time()
     answer = order_stops(matrix, seconds=0.2, windows=np.tile([0.0, 100.0], (many, 1)), robots=3)
@@ -623,16 +623,13 @@ def test_worse_routes_are_kept_as_often_as_the_temperature_says(temperature: flo
     kernel.anneal(fleet, trial, given, best, start, np.uint64(1), 100, 0.0)  # from where most changes are worse
     before, worth = start[:2].tolist()
     for seed in range(cases(300, 3_000)):
-        state = np.array([seed], dtype=np.uint64)
-        kernel.restore(fleet, given, trial)
-        kernel.ruin(fleet, trial, np.zeros(2, dtype=np.bool_), state)
-        kernel.recreate(fleet, trial, np.zeros(10, dtype=np.int32), np.zeros(10), state)
-        cost, found = kernel.objective(fleet, trial)
-        made = listed(trial)
-        kernel.copy(given, now)
-        kernel.copy(given, best)
-        record = np.array([before, worth, before])
-        kernel.anneal(fleet, trial, now, best, record, np.uint64(seed), 1, temperature)
+        for heat in (1e300, temperature):  # at first whatever is drawn is taken, but for late routes
+            kernel.copy(given, now)
+            kernel.copy(given, best)
+            record = np.array([before, -math.inf if heat == 1e300 else worth, before])
+            kernel.anneal(fleet, trial, now, best, record, np.uint64(seed), 1, heat)
+            if heat == 1e300:
+                made, (cost, found) = listed(now), record[:2].tolist()
         taken = listed(now) == made and record[kernel.COST] == cost
         assert taken or (listed(now) == listed(given) and record[kernel.COST] == before)
         better = taken and (found > worth or (found == worth and cost < before))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise, product
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +16,7 @@ import pytest
 from antway import (
     BadParameter,
     Command,
+    EpisodeResult,
     Grid,
     Moves,
     Outcome,
@@ -48,13 +50,18 @@ def hall(*obstacles: Obstacle, **changes) -> Scenario:
     return Scenario(World(HALL, obstacles), (1.125, 3.125), (9.125, 3.125), horizon=60.0, **changes)
 
 
+@cache
+def played(name: str, policy: str, seed: int) -> EpisodeResult:
+    """An episode of a shipped scene, which several tests look at."""
+    return run(load_scenario(scene(name)), policy, seed=seed)
+
+
 @pytest.mark.parametrize("policy", ["paper", "antway"])
 @pytest.mark.parametrize("name", SCENES)
 def test_the_shipped_scenes_are_crossed_without_contact(name: str, policy: str) -> None:
     """Seed after seed the robot reaches the goal, touches nothing, and the verifier agrees."""
-    scenario = load_scenario(scene(name))
     for seed in range(costly(4, 50)):
-        result = run(scenario, policy, seed=seed)
+        result = played(name, policy, seed)
         check_episode(result)
         assert result.reached, (name, seed, result.outcome, result.reason)
 
@@ -106,7 +113,7 @@ def test_the_robot_steps_back_from_a_corridor() -> None:
 )
 def test_other_robots_and_sensors_arrive(changes: dict) -> None:
     """Inertia, wheels, noise, missing velocities and latency do not end in contact in a hall with a crossing disc."""
-    for seed in range(3):
+    for seed in range(costly(3, 30)):
         disc = Obstacle(0.3, BackAndForth((5.0, 0.4), (5.0, 5.6), (0.3, 0.5), (0.0, 1.0)))
         result = run(hall(disc, **changes), "paper", seed=seed)
         check_episode(result)
@@ -205,7 +212,7 @@ def test_local_targets_lie_on_the_global_path_and_ways_do_not_turn_back() -> Non
     """Step 8: every detour ends at a node of the path of Step 2 and goes on along it, without a step straight back."""
     detours = 0
     for name, seed in product(SCENES, range(cases(3, 20))):
-        trace = run(load_scenario(scene(name)), "paper", seed=seed).trace
+        trace = played(name, "paper", seed).trace
         onward = trace.decisions[0][1].path.xy.tolist()
         for avoid in (one for _, one in trace.decisions if one.action == "avoid"):
             detours += 1
@@ -285,7 +292,7 @@ def test_golden_traces() -> None:
     assert len(golden) >= 20
     for key, digest in golden.items():
         name, policy, seed = key.split()
-        assert run(load_scenario(scene(name)), policy, seed=int(seed)).trace.digest() == digest, key
+        assert played(name, policy, int(seed)).trace.digest() == digest, key
 
 
 @pytest.mark.parametrize("late", [{"latency": 0.3}, {"drive": "ackermann", "turning_radius": 0.5}], ids=["latency", "car"])

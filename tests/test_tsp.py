@@ -16,6 +16,7 @@ from antway import BadInput, BadMap, BadParameter, TooLarge, load_tsp, solve_tsp
 from antway.ants.colony import Colony
 from antway.ants.immune import Immune
 from antway.ants.rules import RULES
+from antway.ants.tsp import local_search_options
 from antway.ants.tsplib import Tsp, parse
 from antway.kernels.colony.tsp import walk_once
 from common import SCALE, SHARED, cases, needs_data
@@ -23,6 +24,7 @@ from mapfiles import spoil
 
 TSPLIB = SHARED / "tsplib"
 RANDOM = Tsp(np.random.default_rng(1).random((60, 2)) * 1000, metric="EUC_2D")
+MANY = Tsp(np.random.default_rng(2).random((120, 2)) * 1e4, metric="EUC_2D")
 BURMA = """NAME: burma14\nTYPE: TSP\nDIMENSION: 14\nEDGE_WEIGHT_TYPE: GEO\nNODE_COORD_SECTION
 1 16.47 96.10\n2 16.47 94.44\n3 20.09 92.54\n4 22.39 93.37\n5 25.23 97.24\n6 22.00 96.05\n7 20.47 97.02
 8 17.20 96.29\n9 16.30 97.38\n10 14.05 98.12\n11 16.53 97.38\n12 21.52 95.59\n13 19.41 97.13\n14 20.09 94.55\nEOF\n"""
@@ -67,10 +69,11 @@ def test_same_seed_same_bytes_with_any_threads(options):
     assert solve_tsp(RANDOM, cycles=8, seed=6, **options).pheromone.tobytes() != one.pheromone.tobytes()
 
 
-def test_same_seed_same_bytes_where_ants_take_turns():
+def test_same_seed_same_bytes_where_ants_take_turns(monkeypatch):
     """From 1,000 cities on ants select, change and build anew in turns: with any number of threads to the same bytes."""
-    many = Tsp(np.random.default_rng(2).random((1000, 2)) * 1e4, metric="EUC_2D")
-    runs = [contents(solve_tsp(many, local_search="3opt", cycles=5, seed=5, threads=threads)) for threads in (1, 2, 3)]
+    assert [local_search_options(n, "mmas", "3opt", None)[0].rebuild_every for n in (999, 1000, 2000)] == [1, 4, 0]
+    monkeypatch.setattr("antway.ants.tsp._FOCUSED_FROM", 100)
+    runs = [contents(solve_tsp(MANY, local_search="3opt", cycles=5, seed=5, threads=threads)) for threads in (1, 2, 3)]
     assert runs[0] == runs[1] == runs[2]
 
 
@@ -150,8 +153,8 @@ def test_many_cities_in_one_place():
 
 
 def test_a_walk_among_many_equal_places_stays_until_all_are_visited():
-    """It need not look at all cities at each step: 80,000 in 40 places take a fraction of a second."""
-    n, dice = 80_000, np.random.default_rng(0)
+    """It need not look at all cities at each step: 40,000 in 40 places take a fraction of a second."""
+    n, dice = 40_000, np.random.default_rng(0)
     spot = dice.permutation(np.arange(n) % 40)
     cities = Tsp(np.column_stack((spot % 10, spot // 10)).astype(float)).cities(1)
     ones = np.ones((n, 1))
@@ -159,7 +162,7 @@ def test_a_walk_among_many_equal_places_stays_until_all_are_visited():
     colony = state.state._replace(weight=ones.astype(np.float32), row_sum=ones[:, 0], orders=np.zeros((1, n), np.uint32))
     started = time.process_time()
     length = walk_once(cities, colony, state.numbers, np.uint64(1))
-    assert time.process_time() - started < 3.0
+    assert time.process_time() - started < 1.5
     order = colony.orders[0]
     assert (np.bincount(order, minlength=n) == 1).all() and length < 80.0
     assert np.count_nonzero(np.diff(spot[order])) == 39

@@ -23,14 +23,14 @@ def tubes(rng: np.random.Generator, count: int = 3) -> Tubes:
     return Tubes.predict(0.0, 0.0, discs, OPEN, 8.0)
 
 
-def gap(trajectory: Tubes, t: float, x: float, y: float, growth: float) -> float:
-    """Least distance of the point (x, y) from the edges of the tubes at time t."""
+def gap(trajectory: Tubes, t: np.ndarray, x: np.ndarray, y: np.ndarray, growth: float) -> np.ndarray:
+    """Least distance of the point (x, y) from the edges of the tubes at each time t."""
     gaps = []
     for k, radius in enumerate(trajectory.trajectories.radius):
         knot_t, knot_xy = trajectory.knots(k)
         px, py = (np.interp(t, knot_t, knot_xy[:, i]) for i in (0, 1))
-        gaps.append(math.hypot(px - x, py - y) - radius - growth * t)
-    return min(gaps)
+        gaps.append(np.hypot(px - x, py - y) - radius - growth * t)
+    return np.min(gaps, axis=0)
 
 
 def test_where_the_robot_can_stand_is_what_sampling_finds() -> None:
@@ -42,7 +42,7 @@ def test_where_the_robot_can_stand_is_what_sampling_finds() -> None:
         free = np.isin(np.arange(8), found)
         assert (trajectory.standing(t, xy, 6.0, 0.4, 0.0, 2) == found[:2]).all()
         for i in range(8):
-            least = min(gap(trajectory, s, *xy[i], 0.0) for s in np.linspace(t[i], max(t[i], 6.0), 400)) - 0.4
+            least = gap(trajectory, np.linspace(t[i], max(t[i], 6.0), 400), *xy[i], 0.0).min() - 0.4
             assert abs(least) < 0.02 or free[i] == (least > 0.0)
 
 
@@ -59,7 +59,7 @@ def test_closed_cells_are_those_that_sampling_finds(whole: bool) -> None:
             px, py = OPEN.centre((int(row), int(col)))
             away = math.hypot(px - x, py - y) / 1.5
             first, last = (0.0, 3.0) if whole else (min(0.9 * away, 3.0), min(1.3 * away + 0.5, 3.0))
-            least = min(gap(trajectory, s, px, py, 0.0) for s in np.linspace(first, last, 60)) - 0.4
+            least = gap(trajectory, np.linspace(first, last, 60), px, py, 0.0).min() - 0.4
             assert abs(least) < 0.03 or closed[row, col] == (least < 0.0)
         shut += closed.sum()
     assert shut > 20
@@ -92,7 +92,7 @@ def test_conflicts_are_those_that_sampling_finds() -> None:
         t = np.cumsum(rng.uniform(0.5, 2.0, 4))
         when, obstacle = first_conflict(t, xy, 7.0, 0.3, 0.0, trajectory.trajectories)
         times = np.linspace(t[0], max(7.0, t[0]), 1500)
-        gaps = np.array([gap(trajectory, s, np.interp(s, t, xy[:, 0]), np.interp(s, t, xy[:, 1]), 0.0) for s in times]) - 0.3
+        gaps = gap(trajectory, times, np.interp(times, t, xy[:, 0]), np.interp(times, t, xy[:, 1]), 0.0) - 0.3
         inside = np.flatnonzero(gaps < -0.01)
         if when == math.inf:
             assert obstacle == -1 and not len(inside)

@@ -56,9 +56,11 @@ def _wall_gap(path, blocked, size) -> float:
     rows, cols = blocked.shape
     least = min(path.min(), (cols * size - path[:, 0]).min(), (rows * size - path[:, 1]).min())
     row, col = np.nonzero(blocked)
+    near = np.hypot((col + 0.5) * size - path[0, 0], (row + 0.5) * size - path[0, 1]) < 2.0  # m; no robot gets to others
+    row, col = row[near], col[near]
     dx = np.maximum(np.abs(path[:, 0, None] - (col + 0.5) * size) - size / 2, 0.0)
     dy = np.maximum(np.abs(path[:, 1, None] - (row + 0.5) * size) - size / 2, 0.0)
-    return min(float(least), float(np.hypot(dx, dy).min()))
+    return min(float(least), float(np.hypot(dx, dy).min(initial=math.inf)))
 
 
 class Book:
