@@ -123,7 +123,7 @@ def test_weights_are_the_numerator_of_equation_1():
                 np.testing.assert_allclose(weights[cell], expected / expected.max(), rtol=1e-6, atol=1e-29)
 
 
-RULE_CASES = [make_rule(name, persistence=Constant(0.7)) for name in RULES]
+RULE_CASES = [make_rule(name, persistence=Constant(0.7), q=2.0) for name in RULES]
 RULE_CASES += [make_rule("as", persistence=p) for p in (Adaptive(), Printed(), Decay(0.9, 0.8, 0.3), ByQuality(0.2, 0.9, 0.3))]
 RULE_CASES += [make_rule("as", persistence=ByQuality(0.2, 0.9, 0.3), beta=0.0), make_rule("acs", persistence=Printed())]
 RULE_CASES += [make_rule("mmas", schedule=((0, 1),)), make_rule("eas", elite=2.5), make_rule("rank", ranks=3)]

@@ -90,7 +90,7 @@ def test_many_steps_like_the_twin(rule):
     """Over 60 cycles of random tours each rule's pheromone follows the naive one, to a relative 1e-12, restarts included."""
     dice = np.random.default_rng(3)
     places = dice.random((7, 2))
-    colony = Colony(Tsp(places), make_rule(rule, ants=4), candidates=6)
+    colony = Colony(Tsp(places), make_rule(rule, ants=4, q=2.0), candidates=6)
     tau, best, began, improved, restart = pheromone(colony), (np.inf, None), 0, 0, getattr(rule, "restart", 1000)
     for cycle in range(60):
         if cycle < 40:  # then the colony stands still
@@ -101,7 +101,7 @@ def test_many_steps_like_the_twin(rule):
         colony.tell(tours, lengths)
         tau = naive.step(colony.rule, tau, tours, lengths, cycle - began, best)
         if cycle - improved >= restart:  # all pheromone is at its upper limit, and the best so far no longer deposits
-            tau = dict.fromkeys(tau, 1 / (0.02 * best[0]))
+            tau = dict.fromkeys(tau, 2 / (0.02 * best[0]))
             best, began, improved = (np.inf, None), cycle + 1, cycle + 1
         found = pheromone(colony)
         assert max(abs(found[e] / tau[e] - 1) for e in tau) <= 1e-12
@@ -178,14 +178,19 @@ def test_roulette_frequencies(q0, came):
     assert chisquare(counts[odds > 0], 1_000_000 * odds[odds > 0]).pvalue > 1e-4
 
 
-def test_local_update_of_acs():
-    """ACS: an edge taken by one ant keeps (1 - xi) tau + xi tau_0, at both ends, the edge that closes its tour as well."""
-    colony = Colony(Tsp(np.random.default_rng(6).random((9, 2))), AntColonySystem(xi=0.25, ants=1, alpha=2.0), candidates=8)
+@pytest.mark.parametrize(("candidates", "seed"), [(8, 6), *((2, seed) for seed in range(6, 12))])
+def test_local_update_of_acs(candidates, seed):
+    """ACS: an edge taken by one ant keeps (1 - xi) tau + xi tau_0, at both ends, the edge that closes its tour as well.
+
+    So does no other, such as those that are taken because no candidate is left.
+    """
+    places, rule = np.random.default_rng(seed).random((9, 2)), AntColonySystem(xi=0.25, ants=1, alpha=2.0)
+    colony = Colony(Tsp(places), rule, candidates=candidates)
     colony.state.tau[:] = 1.0
     first = colony.state.record[kernel.TAU_0]
     (tour,) = colony.ask().tolist()
     tau = pheromone(colony)
-    taken = {frozenset(pair) for pair in pairwise([*tour, tour[0]])}
+    taken = {frozenset((a, b)) for a, b in pairwise([*tour, tour[0]]) if b in colony.candidates[a]}
     for edge, value in tau.items():
         assert abs(value - (0.75 + 0.25 * first if edge in taken else 1.0)) <= 1e-12
     odds, state = colony.state.weight.copy(), colony.state

@@ -95,11 +95,13 @@ def test_walk_like_the_twin(rule):
         colony = Colony(instance, rule, ants=3, candidates=int(dice.integers(1, n)), seed=case)
         state = colony.state
         state.tau[:] = dice.random(state.tau.shape) + 0.01
+        state.record[tsp.CYCLE] = case % 3
         tours = colony.ask()
         matrix = tour.table("EUCLID", instance.xy.tolist())
         for ant in range(3):
             how = colony.numbers.q0, colony.numbers.xi == 0.0
-            assert tours[ant].tolist() == ants.walk(matrix, colony.candidates, state.weight, case, ant, *how)
+            number = case % 3 * 3 + ant
+            assert tours[ant].tolist() == ants.walk(matrix, colony.candidates, state.weight, case, number, *how)
             assert state.lengths[ant] == pytest.approx(tour.length(matrix, tours[ant]), rel=1e-12)
 
 
@@ -206,6 +208,7 @@ def test_a_double_bridge_puts_three_parts_in_reverse_order():
         search.set_tour(work, order)
         gain = tsp.bridge(cities, work, p, b, c, d)
         old = np.roll(order, -p).tolist()
+        assert [tsp.places_ahead(work, p, city) for city in work.order] == [(place - p) % n for place in range(n)]
         new = old[:1] + old[c + 1 : d + 1] + old[b + 1 : c + 1] + old[1 : b + 1] + old[d + 1 :]
         assert set(ants.tour_edges(work.order.tolist())) == set(ants.tour_edges(new))
         assert gain == pytest.approx(instance.length(old) - instance.length(new), abs=1e-12)
