@@ -565,6 +565,32 @@ def test_a_stop_is_inserted_where_it_costs_least() -> None:
     assert refused > 2 and best > 0.95 * (case + 1 - refused)
 
 
+def test_of_late_routes_the_stops_that_save_most_time_for_their_price_are_left_out() -> None:
+    """One by one, of those up to the first one that is late, until none is."""
+    rng, removed = np.random.default_rng(11), 0
+    for _ in range(cases(40, 400)):
+        fleet, _ = random_routes(rng, 10, 1)
+        fleet, routes, order = fleet._replace(price=rng.uniform(1.0, 9.0, 10)), kernel.routes(10, 1), [*range(10)]
+        order[1:-1] = (1 + rng.permutation(8)).tolist()
+        routes.stops[0], routes.sizes[0], routes.route[1:-1] = order, 10, 0
+        kernel.shorten(fleet, routes, 0)
+        while len(order) > 2:
+            start, late = fleet.opens[0], None
+            for p, (here, there) in enumerate(itertools.pairwise(order), 1):
+                start = max(start + fleet.time[here, there], fleet.opens[there])
+                late = p if late is None and start > fleet.closes[there] else late
+            if late is None:
+                break
+            saved = [
+                max(0.0, fleet.time[a, b] + fleet.time[b, c] - fleet.time[a, c]) / (fleet.price[b] + 1e-9)
+                for a, b, c in zip(order, order[1:], order[2:])
+            ]
+            del order[1 + int(np.argmax(saved[:late]))]
+            removed += 1
+        assert listed(routes) == [order] and np.flatnonzero(routes.route == 0).tolist() == sorted(order[1:-1])
+    assert removed > 40
+
+
 def test_a_string_of_stops_is_removed_around_one() -> None:
     """A window of places that holds the stop, but for a run of stops that stay, at most as many as are removed."""
     rng = np.random.default_rng(7)
