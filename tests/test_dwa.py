@@ -202,7 +202,7 @@ def test_predictions_are_what_saves_it() -> None:
             o.tracks.velocity[:] = 0.0
             return super()._ends(o, commands)
 
-    for seed in range(6):
+    for seed in range(costly(6, 6)):
         disc = Obstacle(0.3, Line((4.0 + 0.3 * seed, 0.4), (4.0 + 0.3 * seed, 5.6), 1.0))
         for name, policy in (("moving", make_policy("dwa")), ("still", Still())):
             hits[name] += not run(hall(disc), policy, record=False).reached

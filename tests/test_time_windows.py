@@ -665,10 +665,10 @@ def test_one_node_and_two() -> None:
 @pytest.mark.parametrize("addresses", [1, 2, 3])
 def test_several_stops_at_one_address(addresses: int) -> None:
     """No time passes between them; a typical step of 0 made ants write beyond their memory."""
-    place = np.arange(9) % addresses
+    place = np.arange(8) % addresses
     matrix = 7.0 * np.abs(place[:, None] - place[None])
     for closes in (math.inf, 480.0, 7.0 * addresses):
-        instance = Tsptw(matrix, np.tile([0.0, closes], (9, 1)))
+        instance = Tsptw(matrix, np.tile([0.0, closes], (8, 1)))
         best = naive.best(instance.matrix.tolist(), instance.windows.tolist(), False)
         for seed in range(5):
             result = solve_tsptw(instance, cycles=8, seed=seed)
