@@ -49,6 +49,10 @@ def test_vaccinated_paths_are_paths():
         assert set(edges(child, False)) <= set(edges(path, False)) | set(edges(vaccine, False))
 
 
+def test_a_vaccine_is_taken_in_the_direction_of_the_path():
+    assert vaccinate_path(np.array([0, 3, 5, 6, 1, 4]), np.array([1, 2, 3])).tolist() == [0, 3, 2, 1, 4]
+
+
 def test_vaccines_are_shared():
     """Every edge of a vaccine is in at least the wanted share of the elites."""
     dice = np.random.default_rng(3)
@@ -65,6 +69,20 @@ def test_vaccines_have_two_edges_or_more_but_not_all():
     best = np.arange(7)
     assert [run.tolist() for run in vaccines([best, np.array([0, 1, 2, 8, 3, 4, 9, 5, 6])], 1.0, False)] == [[0, 1, 2]]
     assert vaccines([best, best], 1.0, False) == []
+
+
+def test_each_vaccine_is_given_as_often_to_as_many_ants_as_shall_be_vaccinated():
+    best, given = np.arange(9), []
+    immunity = Immunity(Immune(vaccinated=0.4, share=1.0, temperature=0.0), False, 3)
+    immunity.elites[:] = [(1.0, best), (2.0, np.array([0, 1, 2, 20, 3, 4, 5, 21, 6, 7, 8]))]
+
+    def note(ant, vaccine):
+        given.append(vaccine.tolist())
+        return ant
+
+    immunity.respond(0, [best] * 900, np.full(900, 1.0), len, note)
+    counts = [given.count(run) for run in ([0, 1, 2], [3, 4, 5], [6, 7, 8])]
+    assert sum(counts) == len(given) and abs(len(given) - 360) < 60 and min(counts) > 80
 
 
 def test_pheromone_of_the_best_is_suppressed_now_and_then():

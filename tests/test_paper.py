@@ -193,6 +193,7 @@ def test_encounters_have_their_names() -> None:
     assert encounter(east, (0.0, 0.0)) == "standing"
     assert closest_approach((0, 0), (1, 0), (2, 2), (0, -1)) == (2.0, 0.0)
     assert closest_approach((0, 0), (1, 0), (-2, 0), (0, 0)) == (0.0, 2.0)
+    assert closest_approach((3, 5), (1, 1), (5, 8), (0, 0)) == (2.5, math.sqrt(0.5))
 
 
 def test_the_local_target_is_the_first_free_node_past_the_conflict() -> None:
@@ -201,6 +202,7 @@ def test_the_local_target_is_the_first_free_node_past_the_conflict() -> None:
     taken = np.array([False, False, True, True, False, False, True, False])
     every = np.ones(8, dtype=bool)
     assert local_target(route, taken, every, 2.5, (0.0, 0.0), 5.0, lambda p: True)[0] == 4
+    assert local_target(route, taken, every, 5.0, (0.0, 0.0), 5.0, lambda p: True)[0] == 5, "not where it is met"
     assert local_target(route, taken, route[:, 0] > 5.5, 2.5, (0.0, 0.0), 5.0, lambda p: True)[0] == 5
     assert local_target(route, every, every, 2.5, (0.0, 0.0), 5.0, lambda p: p[0] < 4.5)[0] == 3
     assert local_target(route, every, every, 2.5, (0.0, 0.0), 5.0, lambda p: True)[0] == 4

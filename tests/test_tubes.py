@@ -105,7 +105,7 @@ def test_ways_are_shortest_and_none_leads_where_none_can() -> None:
     """Ways of the field of one cell have the lengths that Dijkstra gives; unreachable and far cells have none."""
     rng = np.random.default_rng(5)
     for _ in range(cases(60, 2000)):
-        grid = random_grid(rng, 4, 20)
+        grid = Grid(random_grid(rng, 4, 20).blocked, 0.5)
         free = free_cells(grid)
         if not len(free):
             continue
@@ -280,4 +280,27 @@ def test_the_knots_of_a_leg_lie_on_its_ramps(length: float, start: float) -> Non
         t, x = t + step, x + v * step
         driven.append((t, x))
     there = np.interp(path.t - 2.0, *np.array(driven).T)
-    assert there == pytest.approx(path.xy[:, 0] - 1.0, abs=2e-3) and path.t[-1] - 2.0 == pytest.approx(t, abs=0.02)
+    assert there == pytest.approx(path.xy[:, 0] - 1.0, abs=2e-3) and path.t[-1] - 2.0 == pytest.approx(
+        t + math.sqrt(1e-4), abs=3e-3
+    )
+
+
+def test_a_robot_stops_at_corners_and_first_if_it_drives_elsewhere() -> None:
+    """It turns by 90 and by 180 degrees where it stands, and not where the path goes straight on."""
+    routes = StaticRoutes(Scenario(World(OPEN, ()), (1.0, 1.0), (9.0, 9.0), RobotSpec(a_max=0.8, brake_max=2.0)).task)
+    rest, across = (Observation(2.0, (1.0, 1.0), v, 0.0, Tracks.none()) for v in ((0.0, 0.0), (0.0, 0.4)))
+    nodes = np.array([(3.0, 1.0), (3.0, 3.0), (3.0, 2.0)])
+    path, later = routes.timed(rest, nodes), routes.timed(across, nodes)
+    assert later.t[1:] == pytest.approx(path.t[1:] + 0.4 / 2.0) and later.xy.tolist() == path.xy.tolist()
+    assert all(corner in path.xy.tolist() for corner in nodes.tolist())
+    straight = routes.timed(rest, np.array([(2.0, 1.0), (3.0, 1.0)]))
+    assert straight.xy.tolist() == path.xy[: len(straight.t)].tolist() and (2.0, 1.0) not in straight.xy.tolist()
+
+
+@pytest.mark.parametrize(("robot", "stops"), [({}, False), ({"a_max": 1.0}, True), ({"a_max": 25.0}, False)])
+def test_a_path_keeps_its_last_node_for_robots_that_turn_at_once_and_others(robot: dict, stops: bool) -> None:
+    """One that reaches full speed, either way, in a period turns at once; none forgets where it is to stand."""
+    routes = StaticRoutes(Scenario(World(OPEN, ()), (1.0, 1.0), (9.0, 9.0), RobotSpec(dynamics="steps", **robot)).task)
+    end = np.array([(1.05, 1.0)])
+    assert routes.stops is stops
+    assert routes.passed(Observation(0.0, (1.0, 1.0), (0.0, 0.0), 0.0, Tracks.none()), end)[1].tolist() == end.tolist()
