@@ -190,6 +190,7 @@ def test_the_step_limit_is_kept():
     problem = Problem(Grid(np.zeros((1, 9), dtype=bool)), (0, 0), (0, 8))
     assert ants(problem, step_limit=7).status is Status.BUDGET
     assert ants(problem, step_limit=8).length == 8
+    assert ants(problem).expanded == ants(problem, cycles=1).expanded, "the first path is proved to be a shortest one"
     assert ants(problem, step_limit=7, cycles=3, ants=4).expanded == 7 * 3 * 4
 
 
@@ -314,7 +315,15 @@ BAD = {
     "beta": [-1.0, math.nan, True],
     "heuristic": ["manhattan", None, 1],
     "step_limit": [-1, 2.0, 2**40],
-    "pheromone": ["thick", np.zeros((3, 3, 8)), np.ones((3, 3)), np.full((3, 3, 8), np.nan), None, 7],
+    "pheromone": [
+        "thick",
+        np.zeros((3, 3, 8)),
+        np.ones((3, 3, 8)) - np.eye(3)[..., None],
+        np.ones((3, 3)),
+        np.full((3, 3, 8), np.nan),
+        None,
+        7,
+    ],
     "window": [(0, 0, 9, 9), (1, 1, 2, 2), (0, 0, 0, 0), (0, 0, 3), "all", (-1, 0, 4, 3), (0.5, 0, 3, 3)],
     "forbidden": [np.zeros((2, 2), dtype=bool), "none", [[False], [False, True]]],
     "immune": [True, 0.5],
@@ -339,6 +348,8 @@ def test_what_ants_cannot_do_is_refused():
         ants(Problem(grid, (0, 0), (2, 2), Moves.SIXTEEN))
     with pytest.raises(BadParameter, match="problem"):
         ants(grid)
+    with pytest.raises(BadParameter, match=r"speed = 1: must be left out: the options are rule, "):
+        ants(Problem(grid, (0, 0), (2, 2)), speed=1)
     big = Problem(Grid(np.zeros((2049, 2048), dtype=bool)), (0, 0), (5, 5))
     with pytest.raises(TooLarge, match="cells"):
         ants(big)
@@ -354,6 +365,9 @@ def test_a_rule_object_is_taken_as_it_is():
     a = explore(problem, rule=rule, cycles=2, step_limit=1)
     b = explore(problem, rule="mmas", ants=7, beta=3.0, persistence=Constant(0.8), cycles=2, step_limit=1)
     assert a.plan.expanded == 14 and a.pheromone.tobytes() == b.pheromone.tobytes()
+    a = explore(problem, rule=rule, cycles=2, heuristic="goal")
+    b = explore(problem, rule="mmas", ants=7, beta=3.0, persistence=Constant(0.8), cycles=2, heuristic="goal")
+    assert a.history.tobytes() == b.history.tobytes() and a.history[1, 2] > 0.0
 
 
 class _Looks(threading.Event):

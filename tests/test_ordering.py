@@ -391,7 +391,8 @@ def test_spends_no_more_than_it_may() -> None:
     xy = rng.random((60, 2)) * 100
     matrix = np.hypot(*(xy[:, None] - xy[None]).T)
     for more in ({}, {"windows": np.tile([0.0, 2_000.0], (60, 1))}, {"robots": 2}):
-        order_stops(matrix, cycles=1, **more)
+        answer = order_stops(matrix, cycles=1, **more)
+        assert 0.0 < answer.bound <= answer.cost
         begun = time.perf_counter()
         order_stops(matrix, seconds=0.05, **more)
         assert time.perf_counter() - begun < 10.0  # far above, so that a busy machine fails nothing
