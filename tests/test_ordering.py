@@ -369,6 +369,9 @@ def test_no_robot_is_back_before_a_window_opens() -> None:
     assert answer.cost == 8.0 and answer.bound == pytest.approx(8.0)
     answer = order_stops(np.ones((3, 3)), windows=[(0, 9)] * 3, service=[5, 0, 0], objective="makespan", cycles=2)
     assert answer.cost == 7.0 and answer.bound == pytest.approx(7.0)
+    windows = [(2, 3), (0, 99), (0, 99)]  # that of the start is for the departure, also where the tour ends there
+    answer = order_stops(np.ones((3, 3)), end="start", windows=windows, service=[5, 0, 0], objective="makespan", cycles=2)
+    assert answer.feasible and answer.cost == 10.0
 
 
 def test_routes_stay_in_time_where_ways_through_a_stop_are_shorter() -> None:

@@ -193,7 +193,18 @@ def test_encounters_have_their_names() -> None:
     assert encounter(east, (0.0, 0.0)) == "standing"
     assert closest_approach((0, 0), (1, 0), (2, 2), (0, -1)) == (2.0, 0.0)
     assert closest_approach((0, 0), (1, 0), (-2, 0), (0, 0)) == (0.0, 2.0)
-    assert closest_approach((3, 5), (1, 1), (5, 8), (0, 0)) == (2.5, math.sqrt(0.5))
+    assert closest_approach((3, 5), (1, 1), (5, 8), (1, 1)) == (0.0, math.sqrt(13.0))
+    assert encounter((0.0, 0.0), east) == "head-on"
+    rng = np.random.default_rng(3)
+    for heading, turn in rng.uniform(-math.pi, math.pi, (200, 2)).tolist():
+        speeds, (xy, other) = rng.uniform(0.1, 2.0, 2), rng.uniform(-5.0, 5.0, (2, 2))
+        one, two = (v * np.array((math.cos(a), math.sin(a))) for v, a in zip(speeds, (heading, heading + turn)))
+        crossing = "crossing-right" if turn > 0.0 else "crossing-left"
+        kind = "overtaking" if abs(turn) < math.pi / 4 else "head-on" if abs(turn) > 0.75 * math.pi else crossing
+        assert encounter(one, two) == kind
+        t, away = closest_approach(xy, one, other, two)
+        near = [math.dist(xy + s * one, other + s * two) for s in (t, t + 1e-2, max(t - 1e-2, 0.0))]
+        assert t >= 0.0 and near[0] == pytest.approx(away) == pytest.approx(min(near))
 
 
 def test_the_local_target_is_the_first_free_node_past_the_conflict() -> None:
