@@ -69,7 +69,14 @@ def test_discs_cover_the_footprint_and_extend_beyond_it_by_half_a_centimetre(rob
 
 @pytest.mark.parametrize(
     "robot",
-    [WHEELS, HOLONOMIC, LONG, BOXES, replace(WHEELS, dt=0.15), replace(HOLONOMIC, dt=0.15), replace(LONG, dt=0.15)],
+    [
+        WHEELS,
+        HOLONOMIC,
+        LONG,
+        BOXES,
+        *(replace(one, dt=0.15, v_max=2.0, radius=0.2) for one in (WHEELS, HOLONOMIC)),
+        replace(LONG, dt=0.15, v_max=2.0),
+    ],
     ids=[
         "wheels",
         "holonomic",
@@ -546,14 +553,13 @@ def test_a_robot_with_long_periods_gets_round_the_corner_of_a_wall(robot: RobotS
     assert run(Scenario(World(Grid(blocked, 0.05)), start, goal, robot, horizon=10.0), "antway", seed=0).reached
 
 
-@pytest.mark.parametrize(("robot", "seeds"), [("jackal", (1, 2, 3)), ("turtlebot4", (44, 0, 1, 3, 40, 46)[: costly(6, 6)])])
+@pytest.mark.parametrize(("robot", "seeds"), [("jackal", (0, 1, 2)), ("turtlebot4", (44, 0, 1, 3, 40, 46)[: costly(6, 6)])])
 def test_robots_keep_room_from_walkers_who_may_turn_back(robot: str, seeds: tuple[int, ...]) -> None:
     """One walks straight for so long that its predictions hold to a hair, and then turns towards the robot at a corner.
 
     The slow one was touched on seeds 2 and 44, until the risk grew with the square of its slowness. On seed 2 it is touched
     again since plans lead between finer nodes, and on 45 since it stands while it waits; of seeds 0 to 99 it reaches the goal
-    on 86 (88 before), and of 100 to 139 on 34 (32 before). The fast one is touched on seed 0 since walls count within long
-    steps, and reaches the goal on 98 of seeds 0 to 99, as before.
+    on 86 (88 before), and of 100 to 139 on 34 (32 before).
     """
     office = load_scenario("office").driven_by(load_robot(robot))
     ends = [run(office, AntwayPolicy(), seed=seed) for seed in seeds]

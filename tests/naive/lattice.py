@@ -66,8 +66,9 @@ def _drive(
         before, at = at, step(at, ca, cb, problem.limits, problem.dt)
         here = obstacle_cost(before, at, first + q, 1.0, problem, np.empty(0))
         wall = clearance(field, at, w.wall_margin)
-        keeps_heading, long = not problem.limits.drive, problem.limits.v_max * problem.dt > 0.11
-        if long or (keeps_heading and len(field.discs)):
+        limits, keeps_heading = problem.limits, not problem.limits.drive
+        cuts = (limits.v_max * problem.dt) ** 2 / (8.0 * limits.radius) > 0.02
+        if cuts or (keeps_heading and len(field.discs)):
             disc = sample(field.wall, at.x, at.y, field.wall_frame)
             wall = clearance_within(field, before, at, disc, w.wall_margin, keeps_heading)
         if wall < w.wall_margin or here >= w.contact:

@@ -74,8 +74,9 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
         if not limits.drive:  # without wheels a footprint keeps its heading
             theta = heading = state.theta
         decay = math.exp(-w.decay * k * dt)
-        long, boxed = limits.v_max * dt > 0.11, len(field.discs) > 0  # longer steps are judged every 11 cm
-        spacing = 0.02 if boxed and not limits.drive else 0.11 if long else math.inf  # without wheels a footprint every 2 cm
+        cuts = (limits.v_max * dt) ** 2 / (8.0 * limits.radius) > 0.02  # m; how much nearer a corner may be within a step
+        boxed = len(field.discs) > 0
+        spacing = 0.02 if boxed and not limits.drive else 0.1 if cuts else math.inf  # without wheels a footprint every 2 cm
         parts = max(math.ceil(math.dist((x, y), before) / spacing), 1)
         wall = min(_wall_at(*_on_the_way(before, heading, now, theta, s), field) for s in _shares(parts))
         if wall < w.wall_margin:

@@ -16,7 +16,7 @@ from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.afterwards import cost_afterwards
-from antway.kernels.controls.lookup import COARSE, clearance, clearance_within, reaches, turning_loss
+from antway.kernels.controls.lookup import clearance, clearance_within, passes_corners, reaches, turning_loss
 from antway.kernels.controls.motion import MotionState, motion_state, step
 from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, Batch, ControlProblem, StaticField, near_at
 from antway.kernels.controls.rollout import is_too_dear, lost_time, obstacle_cost, stop_behind_wall
@@ -87,7 +87,7 @@ def wall_distances(value: Floats, n: int, problem: ControlProblem, enough: float
     """
     field, limits, has_box = problem.field, problem.limits, len(problem.field.discs) > 0
     keeps_heading = limits.drive == HOLONOMIC
-    within = (keeps_heading and has_box) or limits.v_max * problem.dt > COARSE
+    within = (keeps_heading and has_box) or passes_corners(limits, problem.dt)
     _sample(value, n, field.wall, field.wall_frame)
     for i in range(n):
         value[WALL + i] = value[SAMPLE + i]

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import inner_kernel, kernel
-from antway.kernels.base.records import RobotState
+from antway.kernels.base.records import RobotLimits, RobotState
 from antway.kernels.controls.motion import MotionState
 from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, StaticField
 
 _DETOUR = 0.1  # 1; a path longer than a straight line by this share of the distance at which `manoeuvre` ends goes round walls
 _FINE = 0.02  # m; this often in a step a footprint that keeps its heading is judged, as its corners can pass those of walls
-COARSE = 0.11  # m; this often in a longer step other robots are judged, as they can pass the corner of a wall between its ends
+_COARSE = 0.1  # m; this often other robots are judged in a step between whose ends they can pass the corner of a wall
+_CUT = 0.02  # m; such a step brings a disc nearer to a corner than at its ends by at least this much
 _SHORT_TURN = 1.0  # s; a loss to the turning radius up to this is not counted, because rollouts and `lost_time` see short turns
 
 
@@ -123,7 +124,7 @@ def clearance_within(
     least = clearance(field, at, enough)
     if least >= enough + moved:
         return least
-    parts = math.ceil(moved / (_FINE if keeps_heading and len(field.discs) > 0 else COARSE))
+    parts = math.ceil(moved / (_FINE if keeps_heading and len(field.discs) > 0 else _COARSE))
     turn = before.cos * at.sin - before.sin * at.cos  # rad, if it is small
     for k in range(1, parts):
         share = k / parts
@@ -132,6 +133,13 @@ def clearance_within(
         cos, sin = before.cos + share * (at.cos - before.cos), before.sin + share * (at.sin - before.sin)
         least = min(least, clearance(field, MotionState(x, y, cos, sin, 0.0, 0.0), enough))
     return least
+
+
+@inner_kernel
+def passes_corners(limits: RobotLimits, dt: float) -> bool:
+    """Tell whether the robot, at full speed, can pass the corner of a wall unnoticed between the ends of a step of `dt` s."""
+    longest = limits.v_max * dt
+    return longest * longest > 8.0 * limits.radius * _CUT  # a chord of the circle around the corner, which it cuts by _CUT
 
 
 @kernel
