@@ -324,8 +324,8 @@ class DStarLite(Avoider):
             self.decide("stuck", "no free cell is near the robot, or near its goal")
             return STOP
         closed = np.zeros_like(self.closed)
-        xy = now(o)[0]
-        for (x, y), r in zip(xy.tolist(), contact_radii(o, xy, o.xy, self.task.robot, self.margin).tolist()):
+        contact_radius = o.tracks.radius + self.task.robot.radius + self.margin
+        for (x, y), r in zip(now(o)[0].tolist(), contact_radius.tolist()):
             closed |= np.hypot(self.centres[:, 0] - x, self.centres[:, 1] - y) < r
         for cell in (here, self.repair.problem.goal):
             closed[(self.cells == cell).all(axis=1)] = False
