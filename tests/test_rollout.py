@@ -74,8 +74,7 @@ def test_discs_cover_the_footprint_and_extend_beyond_it_by_half_a_centimetre(rob
         HOLONOMIC,
         LONG,
         BOXES,
-        *(replace(one, dt=0.15, v_max=2.0, radius=0.2) for one in (WHEELS, HOLONOMIC)),
-        replace(LONG, dt=0.15, v_max=2.0),
+        *(replace(one, dt=0.15, a_max=10.0) for one in (WHEELS, HOLONOMIC, LONG)),
     ],
     ids=[
         "wheels",
@@ -132,7 +131,7 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
 @pytest.mark.parametrize("shift", [0.0, 0.1, 0.2])
 def test_the_corner_of_a_wall_that_a_robot_touches_within_a_long_period_is_a_wall(robot: RobotSpec, shift: float) -> None:
     """It drives past (4.8, 6), in periods of 0.45 m; at the ends of the period in which it is nearest it may be clear of it."""
-    robot = replace(robot, v_max=1.8, dt=0.25)
+    robot = replace(robot, v_max=1.8, dt=0.25, a_max=math.inf)
     costs = []
     for room in (-0.04, 0.04):
         away, back = (robot.radius + room) * math.sqrt(0.5), (0.675 + shift) * math.sqrt(0.5)

@@ -13,6 +13,7 @@ from antway.kernels.controls.motion import MotionState, step
 from antway.kernels.controls.problem import ControlProblem, StaticField
 from antway.kernels.controls.rollout import lost_time, obstacle_cost
 from antway.kernels.controls.seeds import descend, downhill
+from naive.rollout import spacing_of
 
 
 def least_bound(
@@ -66,11 +67,10 @@ def _drive(
         before, at = at, step(at, ca, cb, problem.limits, problem.dt)
         here = obstacle_cost(before, at, first + q, 1.0, problem, np.empty(0))
         wall = clearance(field, at, w.wall_margin)
-        limits, keeps_heading = problem.limits, not problem.limits.drive
-        cuts = (limits.v_max * problem.dt) ** 2 / (8.0 * limits.radius) > 0.02
-        if cuts or (keeps_heading and len(field.discs)):
+        limits, boxed = problem.limits, len(field.discs) > 0
+        if (boxed and not limits.drive) or spacing_of(limits, problem.dt) < math.inf:
             disc = sample(field.wall, at.x, at.y, field.wall_frame)
-            wall = clearance_within(field, before, at, disc, w.wall_margin, keeps_heading)
+            wall = clearance_within(field, before, at, disc, w.wall_margin, limits)
         if wall < w.wall_margin or here >= w.contact:
             return None
         harm += here

@@ -51,6 +51,12 @@ def _on_the_way(before: np.ndarray, heading: float, now: RobotState, theta: floa
     return before + np.array([along.real, along.imag]), heading + share * 2.0 * half
 
 
+def spacing_of(limits: RobotLimits, dt: float) -> float:
+    """How far apart in a step walls are looked for, m: so that a corner is cut by 5 mm at most, also from rest."""
+    first = min(limits.v_max, limits.a_max * dt) * dt
+    return math.sqrt(0.04 * limits.radius) if first**2 / (8.0 * limits.radius) > 0.005 else math.inf
+
+
 def _wall_at(xy: np.ndarray, theta: float, field: StaticField) -> float:
     """Distance in m from walls of the disc around the robot or, if that is more, of the smaller discs that cover it."""
     if not len(field.discs):
@@ -74,9 +80,7 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
         if not limits.drive:  # without wheels a footprint keeps its heading
             theta = heading = state.theta
         decay = math.exp(-w.decay * k * dt)
-        cuts = (limits.v_max * dt) ** 2 / (8.0 * limits.radius) > 0.02  # m; how much nearer a corner may be within a step
-        boxed = len(field.discs) > 0
-        spacing = 0.02 if boxed and not limits.drive else 0.1 if cuts else math.inf  # without wheels a footprint every 2 cm
+        spacing = 0.02 if len(field.discs) and not limits.drive else spacing_of(limits, dt)
         parts = max(math.ceil(math.dist((x, y), before) / spacing), 1)
         wall = min(_wall_at(*_on_the_way(before, heading, now, theta, s), field) for s in _shares(parts))
         if wall < w.wall_margin:

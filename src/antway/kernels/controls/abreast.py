@@ -80,22 +80,20 @@ def _sample(value: Floats, n: int, field: NDArray[np.float32], frame: Floats) ->
 
 @inner_kernel
 def wall_distances(value: Floats, n: int, problem: ControlProblem, enough: float) -> None:
-    """Write to WALL what `clearance` returns for the first n rollouts, or `clearance_within` where steps can be long.
+    """Write to WALL what `clearance` returns for the first n rollouts, or `clearance_within` where corners could be passed.
 
-    For footprints without wheels all steps are. Robots with wheels go along their heading, and pass narrow corridors sooner
-    without it.
+    These are footprints without wheels, and robots of which `passes_corners` tells. Robots with wheels go along their heading,
+    and pass narrow corridors sooner without it.
     """
     field, limits, has_box = problem.field, problem.limits, len(problem.field.discs) > 0
-    keeps_heading = limits.drive == HOLONOMIC
-    within = (keeps_heading and has_box) or passes_corners(limits, problem.dt)
+    within = (limits.drive == HOLONOMIC and has_box) or passes_corners(limits, problem.dt)
     _sample(value, n, field.wall, field.wall_frame)
     for i in range(n):
         value[WALL + i] = value[SAMPLE + i]
     if within:
         for i in range(n):
             before = MotionState(value[X0 + i], value[Y0 + i], value[COS0 + i], value[SIN0 + i], 0.0, 0.0)
-            wall = clearance_within(field, before, rollout_state(value, i), value[WALL + i], enough, keeps_heading)
-            value[WALL + i] = wall
+            value[WALL + i] = clearance_within(field, before, rollout_state(value, i), value[WALL + i], enough, limits)
     elif has_box:
         for i in range(n):
             if value[WALL + i] < enough:

@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import inner_kernel, kernel
-from antway.kernels.base.records import RobotLimits, RobotState
+from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.controls.motion import MotionState
 from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANCE, StaticField
 
 _DETOUR = 0.1  # 1; a path longer than a straight line by this share of the distance at which `manoeuvre` ends goes round walls
 _FINE = 0.02  # m; this often in a step a footprint that keeps its heading is judged, as its corners can pass those of walls
-_COARSE = 0.1  # m; this often other robots are judged in a step between whose ends they can pass the corner of a wall
-_CUT = 0.02  # m; such a step brings a disc nearer to a corner than at its ends by at least this much
+_CUT = 0.005  # m; a disc may come this much nearer to the corner of a wall in a step than at its ends: the guard passes that
 _SHORT_TURN = 1.0  # s; a loss to the turning radius up to this is not counted, because rollouts and `lost_time` see short turns
 
 
@@ -109,8 +108,23 @@ def clearance(field: StaticField, at: MotionState, enough: float) -> float:
 
 
 @inner_kernel
+def _longest_step(limits: RobotLimits) -> float:
+    """Return the length of a step in which the robot's disc comes nearer to a corner by `_CUT` than at its ends, m."""
+    return math.sqrt(8.0 * limits.radius * _CUT)  # a chord of the circle around the corner
+
+
+@inner_kernel
+def passes_corners(limits: RobotLimits, dt: float) -> bool:
+    """Tell whether a robot that stands can pass the corner of a wall unnoticed in a period of `dt` s.
+
+    The guard would refuse that, and the robot would stand there for good. A robot that gets faster slowly gets on.
+    """
+    return min(limits.v_max, limits.a_max * dt) * dt > _longest_step(limits)
+
+
+@inner_kernel
 def clearance_within(
-    field: StaticField, before: MotionState, at: MotionState, wall: float, enough: float, keeps_heading: bool
+    field: StaticField, before: MotionState, at: MotionState, wall: float, enough: float, limits: RobotLimits
 ) -> float:
     """Return the least distance of a robot from walls in a step from `before` to `at`, m, if it is below `enough`.
 
@@ -124,7 +138,8 @@ def clearance_within(
     least = clearance(field, at, enough)
     if least >= enough + moved:
         return least
-    parts = math.ceil(moved / (_FINE if keeps_heading and len(field.discs) > 0 else _COARSE))
+    keeps_heading = limits.drive == HOLONOMIC
+    parts = math.ceil(moved / (_FINE if keeps_heading and len(field.discs) > 0 else _longest_step(limits)))
     turn = before.cos * at.sin - before.sin * at.cos  # rad, if it is small
     for k in range(1, parts):
         share = k / parts
@@ -133,13 +148,6 @@ def clearance_within(
         cos, sin = before.cos + share * (at.cos - before.cos), before.sin + share * (at.sin - before.sin)
         least = min(least, clearance(field, MotionState(x, y, cos, sin, 0.0, 0.0), enough))
     return least
-
-
-@inner_kernel
-def passes_corners(limits: RobotLimits, dt: float) -> bool:
-    """Tell whether the robot, at full speed, can pass the corner of a wall unnoticed between the ends of a step of `dt` s."""
-    longest = limits.v_max * dt
-    return longest * longest > 8.0 * limits.radius * _CUT  # a chord of the circle around the corner, which it cuts by _CUT
 
 
 @kernel

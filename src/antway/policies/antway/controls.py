@@ -34,7 +34,9 @@ _BEARINGS = 12  # number of directions in which arcs lead a robot without wheels
 _EXPANSIONS = 100  # most nodes that the search over arcs expands in a cycle
 _DODGE = 2.0  # 1; factor on the robot's acceleration away from obstacles that turn, because few of them turn straight at it
 _SPREADS = 2.0  # 1; beyond the margin to walls, room is kept for this many standard deviations of the robot's place
-_STAND = 0.3  # 1; a robot stands unless moving is better by this share of what falling behind the plan costs in a period
+# 1; a robot stands unless moving is better by this share of what falling behind the plan costs in a period. It would stand for
+# good if it could reach full speed in a period, and then put off a turn again and again.
+_STAND = 0.3
 _SLACK = 0.05  # s; far from obstacles a robot may arrive earlier than plans by this and by the time for the goal's tolerance
 _DEEPER = 1e-3  # m; a robot whose place is in a wall gets no deeper in it than this
 _AT_REST = 0.2  # m/s; an obstacle that is slower is at rest, and turns are expected of those that move
@@ -252,7 +254,7 @@ def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, task: Task, s
         follow=0.0 if strict else o.follow,
         stopping_time=robot.latency + robot.dt,
         least_speed=_CREEP * robot.v_max if strict and robot.v_max > _WEAK * robot.braking else 0.0,
-        stand=_STAND * o.off_plan * robot.v_max * robot.dt,
+        stand=_STAND * o.off_plan * robot.v_max * robot.dt if robot.a_max * robot.dt < robot.v_max else 0.0,
         turn_change=o.comfort / robot.turn_rate if robot.wheels else 0.0,
         swerve=assumed_swerve(task, "strict" if strict else "least-harm"),
     )
