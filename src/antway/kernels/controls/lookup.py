@@ -16,6 +16,7 @@ from antway.kernels.controls.problem import GOAL_SPEED, GOAL_X, GOAL_Y, TOLERANC
 _DETOUR = 0.1  # 1; a path longer than a straight line by this share of the distance at which `manoeuvre` ends goes round walls
 _FINE = 0.02  # m; this often in a step a footprint that keeps its heading is judged, as its corners can pass those of walls
 _CUT = 0.005  # m; a disc may come this much nearer to the corner of a wall in a step than at its ends: the guard passes that
+_MOST_PARTS = 1000.0  # 1; into which a step is divided; more would take long for a robot of absurd speed or size
 _SHORT_TURN = 1.0  # s; a loss to the turning radius up to this is not counted, because rollouts and `lost_time` see short turns
 
 
@@ -139,7 +140,8 @@ def clearance_within(
     if least >= enough + moved:
         return least
     keeps_heading = limits.drive == HOLONOMIC
-    parts = math.ceil(moved / (_FINE if keeps_heading and len(field.discs) > 0 else _longest_step(limits)))
+    part = _FINE if keeps_heading and len(field.discs) > 0 else _longest_step(limits)
+    parts = math.ceil(min(moved / part, _MOST_PARTS))
     turn = before.cos * at.sin - before.sin * at.cos  # rad, if it is small
     for k in range(1, parts):
         share = k / parts
