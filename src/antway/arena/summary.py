@@ -14,7 +14,7 @@ from antway.arena.causes import by_cause
 from antway.arena.store import Row
 from antway.world.trace import Outcome
 
-JERK, CYCLE = "jerk, m/s³", "cycle, ms: p50 / p99 / longest"  # heads of columns
+JERK, CYCLE = "jerk, m/s³", "cycle, ms: p50 / p99 / longest"
 MEANS = ("time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "side changes", JERK)  # heads of columns
 
 
