@@ -8,7 +8,14 @@ import numpy as np
 
 
 def backup(
-    poses: np.ndarray, times: np.ndarray, pose: tuple[int, int, int], size: float, radius: float, v_max: float, v_reverse: float
+    poses: np.ndarray,
+    times: np.ndarray,
+    pose: tuple[int, int, int],
+    size: float,
+    radius: float,
+    turn_rate: float,
+    v_max: float,
+    v_reverse: float,
 ) -> float:
     """Return the least time from a pose (heading, row, column) if those of the poses that it leads to are right."""
     headings = len(poses)
@@ -46,5 +53,6 @@ def backup(
                     if share > 0.0 and np.isfinite(poses[then, i, j]):
                         shares[i, j] = share
             after = sum(share * poses[then][cell] for cell, share in shares.items()) / sum(shares.values())
-            least = min(least, length / speed + after)
+            took = max(length / speed, turn / turn_rate if side else 0.0)
+            least = min(least, took + after)
     return least

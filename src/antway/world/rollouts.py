@@ -140,7 +140,7 @@ def _by_heading(
     fits = np.ones((headings, *times.shape), np.bool_)
     if robot.footprint is not None:
         fits = fitting_poses(map_field, frame, headings, times.shape[0], times.shape[1], _SLACK * size)
-    poses = turning_times(times, fits, size, robot.turning_radius, robot.v_max, robot.v_reverse, _SWEEPS)
+    poses = turning_times(times, fits, size, robot.turning_radius, robot.turn_rate, robot.v_max, robot.v_reverse, _SWEEPS)
     field = np.array([_in_two_rows(beyond_walls(one, 2.0 * size / robot.v_max, _LAYERS)) for one in (*poses, times)])
     return field, frame
 

@@ -130,16 +130,18 @@ def fitting_poses(field: StaticField, frame: Floats, headings: int, rows: int, c
 
 @kernel
 def turning_times(
-    times: Floats, fits: Bools, size: float, radius: float, v_max: float, v_reverse: float, sweeps: int
+    times: Floats, fits: Bools, size: float, radius: float, turn_rate: float, v_max: float, v_reverse: float, sweeps: int
 ) -> Floats:
     """Return the time to the goal from each cell and heading for a car that goes straight or turns at its turning radius, s.
 
     `times`, float64[H, W], are those of a robot that turns in no time, infinite where its centre cannot be, and 0 at the goal.
     `fits`, bool[headings, H, W], tells whether the robot's body has room in each cell and heading, if its centre has; heading k
-    is 2 pi k / headings, rad. `size` and `radius` are the edge of a cell and the turning radius, m; v_reverse may be 0. If more
-    than `sweeps` iterations over all poses would be needed, the times of some poses are too short. The result,
+    is 2 pi k / headings, rad. `size` and `radius` are the edge of a cell and the turning radius, m, `turn_rate` is the limit of
+    the turn rate, rad/s, and `v_max` and `v_reverse`, which may be 0, are the top speeds ahead and in reverse, m/s. If more than
+    `sweeps` iterations over all poses would be needed, the times of some poses are too short. The result,
     float64[headings, H, W], is at most 60 s more than `times`. Poses without a path to the goal have that value; a car without
-    reverse in front of a wall is an example. It is infinite where the body has no room.
+    reverse in front of a wall is an example, and so is one in front of a gap whose turns are finer than the cells. It is
+    infinite where the body has no room.
 
     Value iteration from `times`, a lower bound for a car: t(pose) is the minimum over the steps of the step's duration plus t
     at its end, interpolated between cells. An arc turns from one heading to the next, and a straight step is 1.4 cells long.
@@ -147,14 +149,17 @@ def turning_times(
     """
     headings, rows, cols = fits.shape
     by_heading = np.where(fits, times, np.inf)
-    steps = _steps_of_car(headings, size, radius, v_max, v_reverse)
+    steps = _steps_of_car(headings, size, radius, turn_rate, v_max, v_reverse)
     may = np.zeros((headings, 6, rows, cols), np.bool_)  # whether a step crosses only free cells
     for k in range(headings):
         for n in range(6):
             if steps[k, n, 3] < math.inf:
                 for r in range(rows):
                     for c in range(cols):
-                        may[k, n, r, c] = _leads_over_free(by_heading, k, r, c, steps[k, n])
+                        may[k, n, r, c] = by_heading[k, r, c] < math.inf and _leads_over_free(by_heading, k, r, c, steps[k, n])
+    arrives = times * v_max <= _STEP * size
+    leads_there = _leads_there(arrives, may, steps)
+    by_heading = np.where(leads_there, by_heading, by_heading + _STUCK)
     sweep, change = 0, math.inf
     while change > _SETTLED and sweep < sweeps:
         change = 0.0
@@ -164,7 +169,7 @@ def turning_times(
                 r = m if sweep & 2 else rows - 1 - m
                 for n in range(cols):
                     c = n if sweep & 4 else cols - 1 - n
-                    if times[r, c] * v_max <= _STEP * size or math.isinf(by_heading[k, r, c]):
+                    if arrives[r, c] or not leads_there[k, r, c]:
                         continue
                     best = times[r, c] + _STUCK
                     for j in range(6):
@@ -178,7 +183,40 @@ def turning_times(
 
 
 @kernel
-def _steps_of_car(headings: int, size: float, radius: float, v_max: float, v_reverse: float) -> Floats:
+def _leads_there(arrives: Bools, may: Bools, steps: Floats) -> Bools:
+    """Tell from which poses steps that may be taken lead to a cell of `arrives`, bool[H, W]; the others are as in the caller.
+
+    The poses are found backwards from these cells. A step ends between four cells, and counts as leading to each of them.
+    """
+    headings, (rows, cols) = len(steps), arrives.shape
+    found = np.zeros((headings, rows, cols), np.bool_)
+    stack = np.empty((found.size, 3), np.int64)
+    n = 0
+    for k in range(headings):
+        for r in range(rows):
+            for c in range(cols):
+                if arrives[r, c]:
+                    found[k, r, c] = True
+                    stack[n] = k, r, c
+                    n += 1
+    while n > 0:
+        n -= 1
+        to, row, col = stack[n]
+        for j in range(6):
+            k = (to - (j // 2 - 1)) % headings
+            down, right = steps[k, j, 1], steps[k, j, 2]
+            for a in range(2 if down % 1.0 > 0.0 else 1):
+                for b in range(2 if right % 1.0 > 0.0 else 1):
+                    r, c = row - math.floor(down) - a, col - math.floor(right) - b
+                    if 0 <= r < rows and 0 <= c < cols and may[k, j, r, c] and not found[k, r, c]:
+                        found[k, r, c] = True
+                        stack[n] = k, r, c
+                        n += 1
+    return found
+
+
+@kernel
+def _steps_of_car(headings: int, size: float, radius: float, turn_rate: float, v_max: float, v_reverse: float) -> Floats:
     """Return the steps of a car in each heading, float64[headings, 6, 4]: next heading, rows, columns, and duration in s.
 
     They lead right, straight and left, each forward and in reverse; the parameters are those of `turning_times`.
@@ -189,7 +227,8 @@ def _steps_of_car(headings: int, size: float, radius: float, v_max: float, v_rev
             back, side = n % 2 == 1, n // 2 - 1
             far = (2.0 * radius * math.sin(0.5 * turn) / size if side else _STEP) * (-1.0 if back else 1.0)
             angle = (k + 0.5 * side) * turn
-            speed, length = v_reverse if back else v_max, radius * turn if side else _STEP * size
+            speed = v_reverse if back else v_max
+            length = max(radius, speed / turn_rate) * turn if side else _STEP * size  # m; driven at full speed in that time
             took = length / speed if speed > 0.0 else math.inf
             steps[k, n] = float((k + side) % headings), far * math.sin(angle), far * math.cos(angle), took
     return steps
