@@ -520,9 +520,10 @@ def test_patience_grows_until_a_robot_has_really_got_nearer() -> None:
     assert caution(8.9) == 1.0, "at the goal"
 
 
-def test_a_robot_that_nobody_is_near_soon_gains_nothing_by_standing() -> None:
-    """A car in a narrow bend put off each of its manoeuvres, which gain little in a period, and stood forever."""
-    colony, state = _colony(WHEELS), RobotState(1.1, 4.1, 0.0, 0.0, 0.0)
+def test_a_car_that_nobody_is_near_soon_gains_nothing_by_standing() -> None:
+    """In a narrow bend one put off each of its manoeuvres, which gain little in a period, and stood forever."""
+    car = replace(WHEELS, drive="ackermann", turning_radius=0.5)
+    colony, state = _colony(car), RobotState(1.1, 4.1, 0.0, 0.0, 0.0)
     outlook = colony.problem.outlook
     outlook.near[:] = 0
     stand = [colony._weights_now(now, state, 0.0, True).stand for now in (0.0, 1.9, 2.1)]

@@ -137,8 +137,8 @@ def turning_times(
     `times`, float64[H, W], are those of a robot that turns in no time, infinite where its centre cannot be, and 0 at the goal.
     `fits`, bool[headings, H, W], tells whether the robot's body has room in each cell and heading, if its centre has; heading k
     is 2 pi k / headings, rad. `size` and `radius` are the edge of a cell and the turning radius, m, `turn_rate` is the limit of
-    the turn rate, rad/s, and `v_max` and `v_reverse`, which may be 0, are the top speeds ahead and in reverse, m/s. If more than
-    `sweeps` iterations over all poses would be needed, the times of some poses are too short. The result,
+    the turn rate, rad/s, and `v_max` and `v_reverse`, which may be 0, are the top speeds ahead and in reverse, m/s. If more
+    than `sweeps` iterations over all poses would be needed, the times of some poses are too short. The result,
     float64[headings, H, W], is at most 60 s more than `times`. Poses without a path to the goal have that value; a car without
     reverse in front of a wall is an example, and so is one in front of a gap whose turns are finer than the cells. It is
     infinite where the body has no room.
