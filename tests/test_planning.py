@@ -129,8 +129,11 @@ def test_times_of_a_path_do_not_fall() -> None:
     assert TimedPath(np.array([0.0, 1.0, 1.0, 1.0 - 1e-9]), np.zeros((4, 2))).at(0.5) == (0.0, 0.0)
     with pytest.raises(BadParameter, match=r"t = 1\.5: must be increasing"):
         TimedPath(np.array([0.0, 2.0, 1.5, 3.0]), np.zeros((4, 2)))
-    with pytest.raises(BadParameter, match="t = nan: must be increasing"):
-        TimedPath(np.array([0.0, math.nan, 3.0]), np.zeros((3, 2)))
+    with pytest.raises(BadParameter, match="t = 0.99999: must be increasing"):
+        TimedPath(np.array([0.0, 1.0, 1.0 - 1e-5]), np.zeros((3, 2)))
+    for t in ([0.0, math.nan, 3.0], [math.nan, 1.0], [math.nan]):
+        with pytest.raises(BadParameter, match="t = nan: must be increasing"):
+            TimedPath(np.array(t), np.zeros((len(t), 2)))
 
 
 def test_moves_name_their_offsets() -> None:
@@ -146,6 +149,8 @@ def test_a_plan_knows_its_metres_and_its_gap() -> None:
     """Cells become metres through the grid; the gap is 0 at the bound and infinite without one."""
     plan = Plan(Status.FOUND, np.array([[0, 0], [0, 1]], np.int32), 0.5, lower_bound=0.5)
     assert plan.xy(OPEN).tolist() == [[0.25, 0.25], [0.75, 0.25]]
+    with pytest.raises(BadParameter, match="grid"):
+        plan.xy(OPEN.blocked)  # type: ignore[arg-type]
     assert plan.gap == 0.0
     unproved = Plan(Status.FOUND, plan.cells, 0.5)
     assert unproved.gap == math.inf and repr(unproved).endswith("nothing proved)")

@@ -231,7 +231,7 @@ class Plan:
 
     def xy(self, grid: Grid) -> NDArray[np.float64]:
         """Return the path's vertices in m, float64[N, 2]."""
-        return grid.to_xy(self.cells if self.points is None else self.points)
+        return checks.instance("grid", grid, Grid).to_xy(self.cells if self.points is None else self.points)
 
     @property
     def gap(self) -> float:
@@ -263,9 +263,9 @@ class TimedPath:
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", checks.array("t", self.t, (None,), finite=False))
         object.__setattr__(self, "xy", checks.array("xy", self.xy, (len(self.t), 2), finite=False))
-        rises = self.t[1:] >= self.t[:-1] - 1e-6  # False for NaN
+        rises = self.t >= np.append(self.t[:1], self.t[:-1]) - 1e-6  # False for NaN
         if not rises.all():
-            raise BadParameter("t", float(self.t[1:][~rises][0]), "increasing (s)")
+            raise BadParameter("t", float(self.t[~rises][0]), "increasing (s)")
 
     def __reduce__(self) -> tuple[object, ...]:
         return TimedPath, (self.t, self.xy)
