@@ -131,7 +131,7 @@ def _with_long_ones(routes: Routes, missing: NDArray[np.int64], ends: NDArray[np
 
 def _free_cells(name: str, value: ArrayLike, grid: Grid) -> NDArray[np.int64]:
     cells = checks.raw(name, value, "integers of shape (queries, 2)")
-    if cells.size == 0:
+    if cells.shape in ((0,), (0, 2)):
         return np.empty((0, 2), np.int64)
     if cells.ndim != 2 or cells.shape[1] != 2 or not np.issubdtype(cells.dtype, np.integer):
         raise BadParameter(name, f"{cells.dtype} array of shape {cells.shape}", "integers of shape (queries, 2)")
