@@ -11,6 +11,7 @@ import pytest
 from antway import Grid, Moves, Plan, Problem, Status, check_plan
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.kernels.search.astar import solve_all
+from antway.search.astar import searcher
 from antway.search.batch import solve_many
 from antway.search.derived import NEIGHBOURS
 from antway.search.distance_field import dijkstra
@@ -82,6 +83,36 @@ def test_an_interruption_spoils_no_later_search(monkeypatch: pytest.MonkeyPatch)
     assert jps(Problem(grid, (0, 0), (8, 1))).status is Status.FOUND
 
 
+def test_paths_of_more_cells_than_there_is_room_for_at_first() -> None:
+    """A few paths through a winding corridor: the room for all cells grows more than once."""
+    blocked = np.zeros((61, 61), dtype=bool)
+    blocked[1::4, :-1] = blocked[3::4, 1:] = True
+    grid, ends = Grid(blocked), [((60, 60), (0, 0)), ((0, 0), (0, 9)), ((0, 0), (60, 60)), ((60, 60), (0, 0))]
+    routes = solve_many(grid, *zip(*ends))
+    assert len(routes.cells) > 2 * (64 * len(ends) + 1024)
+    for i, pair in enumerate(ends):
+        plan = jps(Problem(grid, *pair))
+        assert routes.lengths[i] == plan.length and np.array_equal(routes[i], plan.cells)
+
+
+@pytest.mark.parametrize("moves", NEIGHBOURS)
+def test_a_queue_that_is_full_grows(moves: Moves) -> None:
+    """With room for two entries at first, one query and many have the answers that they have with room for all."""
+    rng = np.random.default_rng(13)
+    grid = Grid(rng.random((40, 40)) < 0.3)
+    ends = [pick(rng, grid, 2) for _ in range(20)]
+    search = searcher(grid, moves, moves is Moves.EIGHT)
+    expected = solve_many(Grid(grid.blocked), *zip(*ends), moves)
+    for many in (True, False):
+        work = search.workspace()
+        few = np.empty((len(work.memory.reached) + 2, 5), np.int32)
+        work.memory = work.memory._replace(queue=work.memory.queue._replace(entries=few))
+        search.spare[:] = [work]
+        found = list(solve_many(grid, *zip(*ends), moves) if many else (jps(Problem(grid, *pair, moves)).cells for pair in ends))
+        assert all(map(np.array_equal, found, expected))
+        assert search.spare == [work] and len(work.memory.queue.entries) > len(few)
+
+
 def test_bad_batches() -> None:
     """Ends that are blocked, outside, of the wrong kind or number raise the error that names which."""
     blocked = np.zeros((3, 3), dtype=bool)
@@ -89,14 +120,17 @@ def test_bad_batches() -> None:
     grid = Grid(blocked)
     with pytest.raises(CellBlocked, match=r"goals\[1\]"):
         solve_many(grid, [(0, 0), (0, 0)], [(0, 1), (1, 1)])
-    with pytest.raises(OutOfBounds, match=r"starts\[0\]"):
-        solve_many(grid, [(-1, 0)], [(0, 1)])
+    for row in (-1, 3):
+        with pytest.raises(OutOfBounds, match=r"starts\[1\]"):
+            solve_many(grid, [(0, 0), (row, 0)], [(0, 1), (0, 1)])
     for starts, goals in (
         ([(0.5, 0)], [(0, 0)]),
         ([(0, 0)], [(0, 0), (0, 0)]),
         ([0, 0], [0, 0]),
         ("ab", "cd"),
         ([(0, 0), (1,)], []),
+        ([[], []], []),
+        (np.empty((0, 3)), []),
     ):
         with pytest.raises(BadParameter):
             solve_many(grid, starts, goals)

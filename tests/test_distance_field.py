@@ -96,6 +96,9 @@ def test_inflation_costs() -> None:
     expected = np.where(clearance <= 0.2, 253.0, np.where(clearance <= 0.8, decay, 1.0))
     np.testing.assert_allclose(costs, expected, rtol=1e-12)
     assert (inflation_costs(grid, 0.2, 0.8, most=1.0) == 1.0).all()
+    assert (inflation_costs(grid, 0.2, math.inf, scaling=0.0) == 253.0).all()
+    assert np.array_equal(inflation_costs(grid, 0.2, 0.8), inflation_costs(grid, 0.2, 0.8, scaling=10.0, most=253.0))
+    assert np.array_equal(inflation_costs(grid, 0.2, 0.2), np.where(clearance <= 0.2, 253.0, 1.0))
 
 
 def test_costs_change_the_way() -> None:
