@@ -108,7 +108,8 @@ def test_a_queue_that_is_full_grows(moves: Moves) -> None:
         few = np.empty((len(work.memory.reached) + 2, 5), np.int32)
         work.memory = work.memory._replace(queue=work.memory.queue._replace(entries=few))
         search.spare[:] = [work]
-        found = list(solve_many(grid, *zip(*ends), moves) if many else (jps(Problem(grid, *pair, moves)).cells for pair in ends))
+        one_by_one = (jps(Problem(grid, *pair, moves)).cells for pair in ends)
+        found = list(solve_many(grid, *zip(*ends), moves) if many else one_by_one)
         assert all(map(np.array_equal, found, expected))
         assert search.spare == [work] and len(work.memory.queue.entries) > len(few)
 

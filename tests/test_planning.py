@@ -129,7 +129,7 @@ def test_times_of_a_path_do_not_fall() -> None:
     assert TimedPath(np.array([0.0, 1.0, 1.0, 1.0 - 1e-9]), np.zeros((4, 2))).at(0.5) == (0.0, 0.0)
     with pytest.raises(BadParameter, match=r"t = 1\.5: must be increasing"):
         TimedPath(np.array([0.0, 2.0, 1.5, 3.0]), np.zeros((4, 2)))
-    with pytest.raises(BadParameter, match="t = 0.99999: must be increasing"):
+    with pytest.raises(BadParameter, match=r"t = 0\.99999: must be increasing"):
         TimedPath(np.array([0.0, 1.0, 1.0 - 1e-5]), np.zeros((3, 2)))
     for t in ([0.0, math.nan, 3.0], [math.nan, 1.0], [math.nan]):
         with pytest.raises(BadParameter, match="t = nan: must be increasing"):
