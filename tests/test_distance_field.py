@@ -96,7 +96,7 @@ def test_inflation_costs() -> None:
     expected = np.where(clearance <= 0.2, 253.0, np.where(clearance <= 0.8, decay, 1.0))
     np.testing.assert_allclose(costs, expected, rtol=1e-12)
     assert (inflation_costs(grid, 0.2, 0.8, most=1.0) == 1.0).all()
-    assert (inflation_costs(grid, 0.2, math.inf, scaling=0.0) == 253.0).all()
+    assert (inflation_costs(grid, 0.0, math.inf, scaling=0.0) == 253.0).all()
     assert np.array_equal(inflation_costs(grid, 0.2, 0.8), inflation_costs(grid, 0.2, 0.8, scaling=10.0, most=253.0))
     assert np.array_equal(inflation_costs(grid, 0.2, 0.2), np.where(clearance <= 0.2, 253.0, 1.0))
 
@@ -117,12 +117,12 @@ def test_a_path_has_whole_cells() -> None:
     """Fractions of cells, and cells off the map, have no cost."""
     grid, costs = Grid(np.zeros((2, 3), dtype=bool)), np.ones((2, 3))
     assert path_cost([(0.0, 0.0), (0.0, 2.0)], costs, grid) == 2.0
-    for error, path in ((BadParameter, [(0.9, 0.2), (1, 0.2)]), (OutOfBounds, [(0, 3)]), (OutOfBounds, [(1e300, 0)])):
+    for error, path in ((BadParameter, [(0.9, 0.2), (1, 0.2)]), (OutOfBounds, [(0, 0), (0, 3)]), (OutOfBounds, [(1e300, 0)])):
         with pytest.raises(error, match="cells"):
             path_cost(path, costs, grid)
 
 
-@pytest.mark.parametrize("bad", [-1.0, 0.0, math.nan, math.inf, 1e7], ids=str)
+@pytest.mark.parametrize("bad", [-1.0, 0.0, 9e-7, math.nan, math.inf, 1.1e6], ids=str)
 def test_bad_costs(bad: float) -> None:
     """A cost that is negative, zero, NaN, infinite or too large is refused by name, wherever it stands."""
     blocked = np.zeros((3, 3), dtype=bool)
@@ -138,6 +138,8 @@ def test_bad_costs(bad: float) -> None:
         ):
             with pytest.raises(BadParameter, match="costs"):
                 call()
+    for edge in (1e-6, 1e6):
+        assert math.isclose(path_cost([(0, 0), (0, 1)], np.full((3, 3), edge), grid), edge)
     with pytest.raises(BadParameter, match=r"costs\.shape"):
         dijkstra(Problem(grid, (0, 0), (2, 2)), costs=np.ones((3, 4)))
 

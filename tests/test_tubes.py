@@ -260,6 +260,31 @@ def test_the_timed_path_is_what_the_robot_drives(robot: RobotSpec) -> None:
         assert np.hypot(*(place - trace.xy[i:]).T).max() < 0.5
 
 
+def test_predicted_discs_are_mirrored_at_walls() -> None:
+    """From when they were seen to the horizon: in an empty room each axis goes to and fro on its own. Rows say the same."""
+    rng, room = np.random.default_rng(10), Grid(np.zeros((40, 60), dtype=bool), 0.25, (-3.0, 7.0, 0.0))
+    low, high = room.bounds()
+    for _ in range(cases(10, 300)):
+        radius, velocity = rng.uniform(0.2, 0.5, 3), rng.uniform(-2, 2, (3, 2))
+        xy = rng.uniform(low + 0.5, high - 0.5, (3, 2))
+        seen_at, t, horizon = rng.uniform(0, 3), rng.uniform(3, 5), rng.uniform(2, 8)
+        found = Tubes.predict(t, seen_at, np.column_stack((xy, velocity, radius)), room, horizon)
+        assert found.t == t and found.trajectories.radius.tolist() == radius.tolist()
+        for k in range(3):
+            knot_t, knot_xy = found.knots(k)
+            assert (knot_t[0], knot_t[-1]) == pytest.approx((seen_at, t + horizon))
+            rows = found.rows()
+            rows = rows[np.isclose(rows[:, 6], radius[k])]
+            for when in rng.uniform(seen_at + 1e-3, t + horizon - 1e-3, 20):
+                least, most = low + radius[k], high - radius[k]
+                gone = np.mod(xy[k] + velocity[k] * (when - seen_at) - least, 2 * (most - least))
+                there = least + np.minimum(gone, 2 * (most - least) - gone)
+                assert [np.interp(when, knot_t, knot_xy[:, axis]) for axis in (0, 1)] == pytest.approx(there.tolist(), abs=1e-6)
+                row = rows[np.searchsorted(rows[:, 0], when) - 1]
+                assert row[0] <= when + 1e-5 and when <= row[1] + 1e-5
+                assert (row[2:4] + row[4:6] * (when - row[0])).tolist() == pytest.approx(there.tolist(), abs=1e-4)
+
+
 def test_a_standing_obstacle_has_a_standing_tube() -> None:
     """What does not move is predicted to stay."""
     trajectory = Tubes.predict(2.0, 2.0, np.array([[5.0, 5.0, 0.0, 0.0, 0.3]]), OPEN, 5.0)
