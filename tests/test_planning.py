@@ -43,10 +43,24 @@ def test_a_problem_names_what_is_wrong_with_an_end() -> None:
         Problem(OPEN, (0, 0), np.array(3))  # type: ignore[arg-type]
 
 
+def test_ends_become_pairs_of_plain_integers() -> None:
+    """Lists and integers of NumPy are cells as well, and can be used as keys afterwards."""
+    for start, goal in (([0, 1], (2, 3)), ((0, 1), [2, 3]), (np.array((0, 1)), np.array((2, 3), np.uint8))):
+        problem = Problem(OPEN, start, goal)  # type: ignore[arg-type]
+        assert {problem.start: 1, problem.goal: 2} == {(0, 1): 1, (2, 3): 2}
+        assert all(type(value) is int for value in problem.start + problem.goal)
+
+
+def test_a_plan_in_metres_keeps_the_map_that_was_given() -> None:
+    """Not the inflated one; a robot without a radius is a point."""
+    assert antway.plan(OPEN, (1.0, 1.0), (1.6, 1.0), robot_radius=0.3).grid is OPEN
+    assert antway.plan(Grid(np.zeros((1, 3), dtype=bool), 0.1), (0.05, 0.05), (0.25, 0.05)).length == pytest.approx(0.2)
+
+
 def test_no_time_is_not_no_limit() -> None:
     """A limit of 0 s is spent at once; None never; a cancelled budget always."""
     assert Budget(seconds=0).start().spent()
-    assert not Budget().start().spent()
+    assert not Budget().start().spent() and not Budget(cycles=0).start().spent()
     cancel = threading.Event()
     clock = Budget(cancel=cancel).start()
     assert not clock.spent()
