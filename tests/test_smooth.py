@@ -509,6 +509,12 @@ def test_wrong_input_raises() -> None:
     ):
         with pytest.raises(BadParameter, match=r"grid\.shape"):
             smooth(replace(path, **changed), DIFF)
+    for changed in ({"cells": np.zeros((3, 3), int)}, {"cells": np.array(3)}, {"cells": np.ones((2, 2))}):
+        with pytest.raises(BadParameter, match=r"path\.cells = .*integers of shape"):
+            smooth(replace(path, **changed), DIFF)
+    for points in (np.zeros((2, 3)), np.zeros((0, 2)), np.array([["a", "b"]])):
+        with pytest.raises(BadParameter, match=r"path\.points = .*numbers of shape"):
+            smooth(replace(path, points=points), DIFF)
     for far in ((0.0, -1.1e10), (1e200, 0.0)):
         with pytest.raises(BadParameter, match=r"points .*1e\+10"):
             stop_at_corners([(0.0, 0.0), far, (far[1], far[0])], DIFF)

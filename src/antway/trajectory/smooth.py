@@ -130,11 +130,9 @@ def smooth(
         raise BadParameter("grid", None, "a map: this plan knows none")
     margin, seed = checks.number("margin", margin, low=0.0, high=1e6, unit="m"), checks.seed(seed)
     trials = checks.integer("trials", trials, low=1, high=10_000)
+    _check_places(path, grid)
     if not len(path.cells):
         return Smoothed(path.status, None, elapsed=time.perf_counter() - started, reason="the plan has no path")
-    for places in (path.cells, path.points):
-        if places is not None and not ((places >= -0.5) & (places <= np.array(grid.shape) - 0.5)).all():
-            raise BadParameter("grid.shape", grid.shape, "that of a map with all cells and points of the path")
     if path.length > _LONGEST:
         raise TooLarge("path.length", path.length, f"at most {_LONGEST:g} m")
     flat = Grid(grid.blocked, grid.resolution)
@@ -159,6 +157,18 @@ def smooth(
         return Smoothed(Status.NO_PATH, None, False, stop_time, bound, time.perf_counter() - started, reason)
     motion = _on_map(best, grid)
     return Smoothed(Status.FOUND, motion, best is not stops, stop_time, bound, time.perf_counter() - started, reason)
+
+
+def _check_places(path: Plan, grid: Grid) -> None:
+    """Raise `BadParameter` unless the cells and points of a plan, which may be another maker's, are places on the map."""
+    for name, places, kinds in (("cells", path.cells, "iu"), ("points", path.points, "iuf")):
+        if places is None:
+            continue
+        if places.dtype.kind not in kinds or places.shape[1:] != (2,) or (len(places) == 0 < len(path.cells)):
+            numbers = "integers" if kinds == "iu" else "numbers"
+            raise BadParameter(f"path.{name}", f"{places.dtype} array of shape {places.shape}", f"{numbers} of shape (N, 2)")
+        if not ((places >= -0.5) & (places <= np.array(grid.shape) - 0.5)).all():
+            raise BadParameter("grid.shape", grid.shape, "that of a map with all cells and points of the path")
 
 
 def _fastest(motions: list[Motion], grid: Grid, robot: RobotSpec) -> tuple[Motion | None, str]:
