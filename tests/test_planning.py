@@ -150,6 +150,12 @@ def test_times_of_a_path_do_not_fall() -> None:
             TimedPath(np.array(t), np.zeros((len(t), 2)))
 
 
+def test_a_path_without_knots_is_nowhere() -> None:
+    """As that of a search in time that found none."""
+    with pytest.raises(BadParameter, match="path = 'no knots'"):
+        TimedPath(np.empty(0), np.empty((0, 2))).at(1.0)
+
+
 def test_moves_name_their_offsets() -> None:
     """Offsets come in pairs of opposites, straight ones first, and 8, 16, 32 of them as named."""
     for moves, count in ((Moves.FOUR, 4), (Moves.EIGHT, 8), (Moves.SIXTEEN, 16), (Moves.THIRTY_TWO, 32)):

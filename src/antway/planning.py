@@ -272,6 +272,8 @@ class TimedPath:
 
     def at(self, t: float) -> tuple[float, float]:
         """Return the place at time `t` s; it is constant before the first and after the last knot."""
+        if not len(self.t):
+            raise BadParameter("path", "no knots", "one that was found, to be at a place")
         return float(np.interp(t, self.t, self.xy[:, 0])), float(np.interp(t, self.t, self.xy[:, 1]))
 
 
