@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -23,26 +24,27 @@ def tubes(rng: np.random.Generator, count: int = 3) -> Tubes:
     return Tubes.predict(0.0, 0.0, discs, OPEN, 8.0)
 
 
-def gap(trajectory: Tubes, t: np.ndarray, x: np.ndarray, y: np.ndarray, growth: float) -> np.ndarray:
-    """Least distance of the point (x, y) from the edges of the tubes at each time t."""
+def gap(trajectory: Tubes, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Least distance of the point (x, y) from the edges of the discs at each time t."""
     gaps = []
     for k, radius in enumerate(trajectory.trajectories.radius):
         knot_t, knot_xy = trajectory.knots(k)
         px, py = (np.interp(t, knot_t, knot_xy[:, i]) for i in (0, 1))
-        gaps.append(np.hypot(px - x, py - y) - radius - growth * t)
+        gaps.append(np.hypot(px - x, py - y) - radius)
     return np.min(gaps, axis=0)
 
 
 def test_where_the_robot_can_stand_is_what_sampling_finds() -> None:
-    """A place is free exactly if no sampled instant from arrival on finds it in a tube, but for a hair's breadth."""
+    """A place is free exactly if no sampled instant from arrival on finds it in a tube that is as wide as at arrival."""
     rng = np.random.default_rng(3)
     for _ in range(costly(40, 2000)):
-        trajectory, t, xy = tubes(rng), rng.uniform(0, 7, 8), rng.uniform(1, 9, (8, 2))
-        found = trajectory.standing(t, xy, 6.0, 0.4, 0.0, 8)
+        trajectory, t, xy = replace(tubes(rng), t=1.0), rng.uniform(1, 7, 8), rng.uniform(1, 9, (8, 2))
+        growth = rng.choice([0.0, 0.1])
+        found = trajectory.standing(t, xy, 6.0, 0.4, growth, 8)
         free = np.isin(np.arange(8), found)
-        assert (trajectory.standing(t, xy, 6.0, 0.4, 0.0, 2) == found[:2]).all()
+        assert (trajectory.standing(t, xy, 6.0, 0.4, growth, 2) == found[:2]).all()
         for i in range(8):
-            least = gap(trajectory, np.linspace(t[i], max(t[i], 6.0), 400), *xy[i], 0.0).min() - 0.4
+            least = gap(trajectory, np.linspace(t[i], max(t[i], 6.0), 400), *xy[i]).min() - 0.4 - growth * (t[i] - 1.0)
             assert abs(least) < 0.02 or free[i] == (least > 0.0)
 
 
@@ -59,7 +61,7 @@ def test_closed_cells_are_those_that_sampling_finds(whole: bool) -> None:
             px, py = OPEN.centre((int(row), int(col)))
             away = math.hypot(px - x, py - y) / 1.5
             first, last = (0.0, 3.0) if whole else (min(0.9 * away, 3.0), min(1.3 * away + 0.5, 3.0))
-            least = gap(trajectory, np.linspace(first, last, 60), px, py, 0.0).min() - 0.4
+            least = gap(trajectory, np.linspace(first, last, 60), px, py).min() - 0.4
             assert abs(least) < 0.03 or closed[row, col] == (least < 0.0)
         shut += closed.sum()
     assert shut > 20
@@ -85,19 +87,25 @@ def test_every_cell_is_asked_that_a_tube_may_close() -> None:
 
 
 def test_conflicts_are_those_that_sampling_finds() -> None:
-    """The first conflict of a timed path is the first sampled instant within a tube; without one there is none."""
+    """The first conflict of a timed path is the first sampled instant within a tube, as wide as when the leg began."""
     rng = np.random.default_rng(4)
     for _ in range(costly(40, 2000)):
-        trajectory, xy = tubes(rng), rng.uniform(1, 9, (4, 2))
+        trajectory, xy, growth = tubes(rng), rng.uniform(1, 9, (4, 2)), rng.choice([0.0, 0.1])
         t = np.cumsum(rng.uniform(0.5, 2.0, 4))
-        when, obstacle = first_conflict(t, xy, 7.0, 0.3, 0.0, trajectory.trajectories)
+        when, obstacle = first_conflict(t, xy, 7.0, 0.3, growth, trajectory.trajectories)
+
+        def left(times: np.ndarray, t=t, xy=xy, trajectory=trajectory, growth=growth) -> np.ndarray:
+            """What is left between the body and the tubes; at a knot as wide as on the leg before it."""
+            x, y = (np.interp(times, t, xy[:, k]) for k in (0, 1))
+            began = t[np.maximum(np.searchsorted(t, times) - 1, 0)]
+            return gap(trajectory, times, x, y) - 0.3 - growth * (began - t[0])
+
         times = np.linspace(t[0], max(7.0, t[0]), 1500)
-        gaps = gap(trajectory, times, np.interp(times, t, xy[:, 0]), np.interp(times, t, xy[:, 1]), 0.0) - 0.3
-        inside = np.flatnonzero(gaps < -0.01)
+        inside = np.flatnonzero(left(times) < -0.01)
         if when == math.inf:
             assert obstacle == -1 and not len(inside)
         else:
-            assert gap(trajectory, when, np.interp(when, t, xy[:, 0]), np.interp(when, t, xy[:, 1]), 0.0) < 0.3 + 1e-6
+            assert left(np.array([when, when + 1e-9])).min() < 1e-6
             assert not len(inside) or when <= times[inside[0]]
 
 
