@@ -256,6 +256,36 @@ def test_the_transparent_colour_of_every_kind_of_png(tmp_path: Path, kind: int, 
     assert grid.unknown.tolist() == [[True, False]]
 
 
+KINDS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}  # of PNG: the bits of a sample
+
+
+@pytest.mark.parametrize(("kind", "depth"), [(kind, depth) for kind, depths in KINDS.items() for depth in depths])
+def test_pixels_of_every_kind_are_what_the_standard_says(tmp_path: Path, kind: int, depth: int) -> None:
+    """Greys, colours, palettes and alpha, with and without a transparent colour; of colours of 16 bits the first 8 count."""
+    rng, top = np.random.default_rng(depth), 2**depth - 1
+    for case in range(cases(8, 300)):
+        shape = 9, {2: 3, 4: 2, 6: 4}.get(kind, 1)
+        samples = rng.choice((0, 1, top // 2, top), shape) if case % 2 else rng.integers(0, top + 1, shape)
+        palette, alpha = rng.integers(0, 256, (top + 1, 3)), rng.choice((0, 254, 255), top + 1)
+        more = {"PLTE": palette.astype(np.uint8).tobytes()} if kind == 3 else {}
+        eight = samples >> max(depth - 8, 0)
+        colours = palette[samples[:, 0]] if kind == 3 else eight[:, :3]
+        grey = eight[:, 0] if kind == 4 else np.rint(samples[:, 0] * 255 / top)
+        if kind in (2, 3, 6):
+            grey = colours @ (306, 601, 117) >> 10  # the luma of Rec. 601 in 1024ths
+        clear = eight[:, -1] < 255 if kind in (4, 6) else np.zeros(9, bool)
+        if kind in (0, 2, 3) and case % 4 < 2:
+            more["tRNS"] = (alpha.astype(np.uint8) if kind == 3 else samples[4].astype(">u2")).tobytes()
+            compared = eight if kind == 2 else samples
+            clear = alpha[samples[:, 0]] < 255 if kind == 3 else (compared == compared[4]).all(axis=1)
+        bits = "".join(f"{sample:0{depth}b}" for sample in samples.ravel())
+        bits += "0" * (-len(bits) % 8)
+        (tmp_path / "a.png").write_bytes(png(kind, depth, int(bits, 2).to_bytes(len(bits) // 8, "big"), (9, 1), **more))
+        found, transparent = read_grey(tmp_path / "a.png", DEFAULT)
+        assert found.tolist() == [grey.tolist()]
+        assert (np.zeros((1, 9), bool) if transparent is None else transparent).tolist() == [clear.tolist()]
+
+
 def test_all_seeds_load(tmp_path: Path) -> None:
     """The sound files load, and the three PGM and three array files hold the same cells."""
     grids = {f.name: load_map(f) for f in seeds(tmp_path) if f.suffix != ".scen"}
