@@ -11,6 +11,7 @@ import pytest
 from antway import Grid, Moves, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
 from antway.arena.suites import SuiteEpisode, build, episodes
 from antway.errors import CellBlocked
+from antway.kernels.spacetime.context import free_time
 from antway.policies.antway.nodes import contexts_for, make_context, on_cells, planning_context, with_far_nodes
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Line
@@ -50,6 +51,24 @@ def test_no_nodes_are_left_out_if_a_path_is_lost() -> None:
     result = run(Scenario(World(task.grid), task.start, task.goal), "antway", seed=0)
     check_episode(result)
     assert result.reached and result.time < 10.0
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+def test_the_time_to_the_goal_is_the_least_over_the_nodes_around(stride: int) -> None:
+    """Straight to a node up to so many rows and columns from the nearest one, also beside the map, and then by the field."""
+    rng, robot = np.random.default_rng(1), RobotSpec(radius=0.05, v_max=0.7)
+    for _ in range(5):
+        grid = Grid(rng.random((12, 15)) < 0.2, 0.3, (-2.0, 5.0, 0.0))
+        row, col = np.argwhere(~grid.blocked)[-1].tolist()
+        context = make_context(grid, robot, (row, col), stride=stride)
+        nodes = grid.to_xy([(r, c) for r in range(row % stride, 12, stride) for c in range(col % stride, 15, stride)])
+        places = np.rint((nodes - nodes[0]) / context.resolution)
+        for x, y in rng.uniform(grid.bounds()[0] - 0.3, grid.bounds()[1] + 0.3, (20, 2)).tolist():
+            for cells in (0, 1, 3):
+                apart = np.floor(((x, y) - nodes[0]) / context.resolution + 0.5) - places
+                near = (np.abs(apart) <= cells).all(axis=1)
+                times = np.hypot(*(nodes[near] - (x, y)).T) / 0.7 + context.field[near]
+                assert free_time(context, x, y, cells) == pytest.approx(times.min(initial=math.inf))
 
 
 def test_a_fine_map_is_crossed_like_a_coarse_one() -> None:
