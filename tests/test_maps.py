@@ -60,8 +60,9 @@ def test_every_grey_is_read_as_map_server_does(tmp_path: Path, mode: str, negate
 
 
 def test_other_largest_values_are_scaled_to_the_nearest_grey(tmp_path: Path) -> None:
-    (tmp_path / "a.pgm").write_bytes(b"P2 4 1 100 0 1 50 100")
-    assert read_grey(tmp_path / "a.pgm", DEFAULT)[0].tolist() == [[0, 3, 128, 255]]
+    for text, greys in (("100 0 1 50 100", [0, 3, 128, 255]), ("254 0 100 200 254", [0, 100, 201, 255])):
+        (tmp_path / "a.pgm").write_text(f"P2 4 1 {text}")
+        assert read_grey(tmp_path / "a.pgm", DEFAULT)[0].tolist() == [greys]
 
 
 def test_arrays_of_any_order_and_type(tmp_path: Path) -> None:

@@ -93,7 +93,26 @@ def test_curves_and_speeds_are_those_of_the_twin(name: str) -> None:
         kernels.improve(one, spare, around(Grid(np.zeros((5, 5), bool)), 0.0, points), limits, 0, np.zeros(1, np.uint64))
         xy, kappa = naive.spline(points, 6)
         assert one.xy == pytest.approx(xy, abs=1e-9) and one.kappa == pytest.approx(kappa, abs=1e-6)
+        assert one.ds[:-1] == pytest.approx(np.hypot(*np.diff(xy, axis=0).T), abs=1e-9)
         assert np.sqrt(one.square) == pytest.approx(np.sqrt(naive.squares(one.kappa, one.ds, limits)), abs=1e-5)
+
+
+@pytest.mark.parametrize("fixed", [False, True])
+def test_clearance_is_missing_where_a_disc_of_the_body_lacks_it(fixed: bool) -> None:
+    """The most of any disc, placed by the path's heading or a fixed one; near ends that have less, less is asked for."""
+    rng = np.random.default_rng(6)
+    grid, discs = Grid(rng.random((50, 50)) < 0.02, 0.1), ((-0.2, 0.0), (0.2, 0.1))
+    for _ in range(cases(3, 60)):
+        points = wandering(rng, 10)
+        one = curve(points, 8)
+        ends = np.column_stack((points[[0, -1]], rng.uniform(0.0, 0.3, 2)))
+        around_it = around(grid, 0.3, points, discs)._replace(ends=ends, fixed=fixed)
+        kernels.improve(one, curve(points, 8), around_it, finite_limits(ROBOTS["diff"]), 0, np.zeros(1, np.uint64))
+        for (x, y), (cos, sin), missing in zip(one.xy, one.tangent, one.missing):
+            need = min(0.3, *(ends[:, 2] + 0.25 * np.hypot(*(ends[:, :2] - (x, y)).T)))
+            turn = np.eye(2) if fixed else np.array([[cos, sin], [-sin, cos]])
+            free = [naive.clearance(grid.blocked, 0.1, *((x, y) + disc @ turn)) for disc in np.array(discs)]
+            assert missing == pytest.approx(max(need - min(free), 0.0), abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ["inertia", "diff", "car"])
