@@ -251,6 +251,22 @@ def test_heuristics_are_exact_on_empty_maps(moves: Moves) -> None:
         assert math.isclose(gauge(row, col, 8, 8, faces(moves)), expected[row, col], rel_tol=1e-12)
 
 
+@pytest.mark.parametrize("moves", Moves)
+def test_astar_expands_what_it_has_to(moves: Moves) -> None:
+    """Along a free line hardly more than the line, and where there is no path each cell that can be reached once."""
+    rng, costs = np.random.default_rng(14), np.ones((17, 17))
+    blocked = np.zeros((17, 17), dtype=bool)
+    blocked[8, 4] = True  # so that the goal is not in sight
+    for options in ({}, {"costs": costs}):
+        assert 4 < astar(Problem(Grid(blocked), (8, 0), (8, 16), moves), **options).expanded < 80
+        for _ in range(3):
+            grid = Grid((rng.random((17, 17)) < 0.2) | (np.arange(17) == 12))
+            row, col = free_cells(grid)[0].tolist()
+            plan = astar(Problem(grid, (row, col), tuple(free_cells(grid)[-1].tolist()), moves), **options)
+            assert plan.status is Status.NO_PATH
+            assert plan.expanded == np.isfinite(naive.field(grid, [(row, col)], moves)).sum()
+
+
 def test_paths_too_long_for_small_integers() -> None:
     """A path of more than 8,119 cells, beyond what the integers of A* can order, is still found, and exact."""
     blocked = np.zeros((301, 301), dtype=bool)
