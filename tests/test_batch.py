@@ -116,11 +116,11 @@ def test_a_queue_that_is_full_grows(moves: Moves) -> None:
 
 def test_bad_batches() -> None:
     """Ends that are blocked, outside, of the wrong kind or number raise the error that names which."""
-    blocked = np.zeros((3, 3), dtype=bool)
-    blocked[1, 1] = True
+    blocked = np.zeros((3, 4), dtype=bool)
+    blocked[1, 3] = True
     grid = Grid(blocked)
     with pytest.raises(CellBlocked, match=r"goals\[1\]"):
-        solve_many(grid, [(0, 0), (0, 0)], [(0, 1), (1, 1)])
+        solve_many(grid, [(0, 0), (0, 0)], [(0, 1), (1, 3)])
     for row in (-1, 3):
         with pytest.raises(OutOfBounds, match=r"starts\[1\]"):
             solve_many(grid, [(0, 0), (row, 0)], [(0, 1), (0, 1)])

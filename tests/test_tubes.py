@@ -73,10 +73,10 @@ def test_every_cell_is_asked_that_a_tube_may_close() -> None:
     for _ in range(cases(40, 2000)):
         trajectory, (top, left) = tubes(rng, 1), rng.integers(0, 28, 2).tolist()
         x, y = rng.uniform(1, 9, 2).tolist()
-        closed = trajectory.close(OPEN, (top, left, 12, 12), (x, y), 1.5, 0.4, 3.0, whole=False)[
-            top : top + 12, left : left + 12
-        ]
-        for row, col in np.ndindex(12, 12):
+        rows, cols = (9, 12) if rng.random() < 0.5 else (12, 9)
+        closed = trajectory.close(OPEN, (top, left, rows, cols), (x, y), 1.5, 0.4, 3.0, whole=False)
+        closed = closed[top : top + rows, left : left + cols]
+        for row, col in np.ndindex(rows, cols):
             cx, cy = OPEN.centre((top + row, left + col))
             away = math.hypot(cx - x, cy - y) / 1.5
             first, last = min(0.9 * away, 3.0), min(1.3 * away + 0.5, 3.0)
