@@ -75,6 +75,19 @@ def test_unknown_planners_are_named() -> None:
             antway.solve(Problem(OPEN, (0, 0), (1, 1)), planner=name)  # type: ignore[arg-type]
 
 
+def with_any_options(problem: Problem, *, seed: int, budget: Budget, **options: object) -> Plan:
+    """A planner of somebody else; it says how many options it was given."""
+    return Plan(Status.NO_PATH, expanded=len(options))
+
+
+def test_a_planner_that_takes_any_options_is_given_all_but_a_budget() -> None:
+    """It checks them itself; the budget is made of the time limit."""
+    problem, name = Problem(OPEN, (0, 0), (1, 1)), f"{__name__}:with_any_options"
+    assert antway.solve(problem, name, wings=2, legs=4).expanded == 2
+    with pytest.raises(BadParameter, match=r"budget = 3.*left out"):
+        antway.solve(problem, name, budget=3)
+
+
 @pytest.mark.parametrize("value", NASTY, ids=repr)
 def test_plan_refuses_bad_metres(value: object) -> None:
     """Points and radii that are no finite numbers, or off the map, are typed errors."""
