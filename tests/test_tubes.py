@@ -19,8 +19,9 @@ from common import cases, costly, free_cells, random_grid
 OPEN = Grid(np.zeros((40, 40), dtype=bool), 0.25)
 
 
-def tubes(rng: np.random.Generator, count: int = 3) -> Tubes:
-    discs = np.column_stack((rng.uniform(1, 9, (count, 2)), rng.uniform(-1, 1, (count, 2)), rng.uniform(0.2, 0.5, count)))
+def tubes(rng: np.random.Generator, count: int = 3, fast: float = 1.0) -> Tubes:
+    xy, velocity = rng.uniform(1, 9, (count, 2)), rng.uniform(-fast, fast, (count, 2))
+    discs = np.column_stack((xy, velocity, rng.uniform(0.2, 0.5, count)))
     return Tubes.predict(0.0, 0.0, discs, OPEN, 8.0)
 
 
@@ -70,8 +71,8 @@ def test_closed_cells_are_those_that_sampling_finds(whole: bool) -> None:
 def test_every_cell_is_asked_that_a_tube_may_close() -> None:
     """Each cell of a window against a body that stands at its centre for the time in which the robot may arrive there."""
     rng, shut = np.random.default_rng(6), 0
-    for _ in range(cases(40, 2000)):
-        trajectory, (top, left) = tubes(rng, 1), rng.integers(0, 28, 2).tolist()
+    for _ in range(cases(80, 2000)):
+        trajectory, (top, left) = tubes(rng, 1, 3.0), rng.integers(0, 28, 2).tolist()
         x, y = rng.uniform(1, 9, 2).tolist()
         rows, cols = (9, 12) if rng.random() < 0.5 else (12, 9)
         closed = trajectory.close(OPEN, (top, left, rows, cols), (x, y), 1.5, 0.4, 3.0, whole=False)
