@@ -635,6 +635,7 @@ def test_refuses_wrong_arguments() -> None:
         {"matrix": [[0, 1]], "windows": [[0, 1]]},
         {"matrix": np.zeros((0, 0)), "windows": np.zeros((0, 2))},
         {"matrix": [[0, math.nan], [1, 0]], "windows": [[0, 1], [0, 1]]},
+        {"matrix": [[0, math.inf], [1, 0]], "windows": [[0, 1], [0, 1]]},
         {"matrix": [[0, 1], [1, 0]], "windows": [[0, 1]]},
         {"matrix": [[0, 1], [1, 0]], "windows": [[0, 1], [0, math.nan]]},
     ):
@@ -658,8 +659,9 @@ def test_refuses_wrong_arguments() -> None:
 
 def test_one_node_and_two() -> None:
     assert solve_tsptw(Tsptw([[0]], [[0, 5]]), cycles=1).cost == 0.0
-    result = solve_tsptw(Tsptw([[0, 3], [4, 0]], [[1, 9], [0, 4]]), cycles=1)
-    assert (result.cost, result.feasible, result.proven) == (7.0, True, True)
+    for own in (0.0, 1e12, math.inf, math.nan):  # the diagonal is ignored
+        result = solve_tsptw(Tsptw([[own, 3], [4, own]], [[1, 9], [0, 4]]), cycles=1)
+        assert (result.cost, result.feasible, result.proven) == (7.0, True, True)
 
 
 @pytest.mark.parametrize("addresses", [1, 2, 3])

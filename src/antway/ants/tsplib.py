@@ -56,7 +56,7 @@ class Tsp:
     matrix : array_like[n, n] or None
         Symmetric distances >= 0; the diagonal is ignored. Exactly one of `xy` and `matrix` is given.
     metric : str
-        How distances follow from `xy`: EUCLID (not rounded), or TSPLIB's EUC_2D, CEIL_2D, ATT or GEO.
+        How distances follow from `xy`: EUCLID (not rounded), or TSPLIB's EUC_2D, CEIL_2D, ATT or GEO. Left out for a matrix.
     name : str
     optimum : float or None
         Length of the shortest tour, if it is known.
@@ -83,7 +83,9 @@ class Tsp:
         if (self.xy is None) == (self.matrix is None):
             raise BadParameter("xy", self.xy, "given, or matrix, and not both")
         if self.matrix is not None:
-            matrix = checks.array("matrix", self.matrix, (None, None))
+            if self.metric not in ("EUCLID", "MATRIX"):  # the default, and what a copy has
+                raise BadParameter("metric", self.metric, "left out where a matrix is given")
+            matrix = checks.array("matrix", self.matrix, (None, None), finite=False)
             if len(matrix) > MAX_MATRIX:
                 raise TooLarge("matrix", len(matrix), f"at most {MAX_MATRIX} cities")
             if matrix.shape[0] != matrix.shape[1] or len(matrix) == 0:
@@ -91,7 +93,7 @@ class Tsp:
             matrix.flags.writeable = True
             np.fill_diagonal(matrix, 0.0)
             matrix.flags.writeable = False
-            if (matrix != matrix.T).any() or (matrix < 0).any() or (matrix > 2e9).any():
+            if not ((matrix == matrix.T) & (matrix >= 0) & (matrix <= 2e9)).all():
                 raise BadParameter("matrix", matrix, "symmetric, of distances in [0, 2e9]")
             object.__setattr__(self, "matrix", matrix)
             object.__setattr__(self, "table", matrix)
@@ -251,6 +253,9 @@ def parse(data: bytes, where: str = "") -> Tsp:
     text = header.get("DIMENSION", "")
     if not (text.isascii() and text.isdigit() and len(text) < 10) or int(text) < 1:
         raise BadMap("DIMENSION", text, "a whole number >= 1", where=where)
+    fixed = [line for line in sections.get("FIXED_EDGES_SECTION", []) if line != "-1"]
+    if fixed:  # as in linhp318: without them another tour is the shortest
+        raise BadMap("FIXED_EDGES_SECTION", fixed[0], "empty: no edge can be fixed", where=where)
     n = int(text)
     kinds = ["EUC_2D", "CEIL_2D", "ATT", "GEO", "EXPLICIT"]
     kind = checks.choice("EDGE_WEIGHT_TYPE", header.get("EDGE_WEIGHT_TYPE", ""), kinds, error=BadMap, where=where)

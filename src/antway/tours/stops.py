@@ -135,7 +135,7 @@ def checked_matrix(matrix: object, most: int, of: str, *, finite: bool) -> Float
 
     n is at most `most`; errors call the rows `of`, such as "stops".
     """
-    times = checks.array("matrix", matrix, (None, None), finite=finite)
+    times = checks.array("matrix", matrix, (None, None), finite=False)
     n = len(times)
     if n == 0 or times.shape != (n, n):
         raise BadParameter("matrix.shape", times.shape, "square and not empty")
@@ -144,7 +144,7 @@ def checked_matrix(matrix: object, most: int, of: str, *, finite: bool) -> Float
     times = times.copy()
     np.fill_diagonal(times, 0.0)
     allowed = "in [0, 1e9]" if finite else "in [0, 1e9], or infinite where there is no path (s)"
-    for i, j in np.argwhere(~((times >= 0.0) & ((times <= MAX_TIME) | np.isposinf(times))))[:1]:
+    for i, j in np.argwhere(~((times >= 0.0) & ((times <= MAX_TIME) | (np.isposinf(times) & (not finite)))))[:1]:
         raise BadParameter(f"matrix[{i}, {j}]", float(times[i, j]), allowed)
     return times
 
