@@ -50,7 +50,7 @@ class _RuleFields:
             checks.counts(rule, "ants", low=1, high=1_000_000)
         checks.fields(rule, "alpha", "beta", low=0.0, high=100.0)
         checks.fields(rule, "q", low=1e-100, high=1e100)
-        if not hasattr(rule.persistence, "numbers"):
+        if isinstance(rule.persistence, type) or not hasattr(rule.persistence, "numbers"):
             raise BadParameter("persistence", rule.persistence, "a persistence policy such as Constant(0.9)")
 
 
