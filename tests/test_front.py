@@ -288,6 +288,20 @@ def test_risk_in_walls_changes_no_front(within: float) -> None:
     assert front.values[:, 1].min() < 5.2
 
 
+@pytest.mark.parametrize("unit", [2.0**-100, 2.0**60, 2.0**300])
+def test_a_front_is_the_same_in_any_unit_of_risk(unit: float) -> None:
+    """Large risks had plans that were better by rounding alone, and small ones only the plans of least length and turns."""
+    rng = np.random.default_rng(0)
+    blocked = rng.random((9, 12)) < 0.1
+    blocked[4, [0, -1]] = False
+    problem = Problem(Grid(blocked, resolution=0.5), (4, 0), (4, 11))
+    for exposure in (rng.random((9, 12)), np.full((9, 12), 0.7)):
+        names = ("length", "turns", "exposure")
+        one, other = (pareto(problem, objectives=names, exposure=exposure * u, cycles=3) for u in (1.0, unit))
+        assert np.array_equal(one.values * (1.0, 1.0, unit), other.values)
+        assert all(np.array_equal(a.cells, b.cells) for a, b in zip(one.plans, other.plans, strict=True))
+
+
 def test_alternatives_are_different_paths() -> None:
     """Also where each may be wholly near an earlier one."""
     found = alternatives(Problem(Grid(np.zeros((1, 10), bool)), (0, 0), (0, 9)), 3, overlap=1.0)

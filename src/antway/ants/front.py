@@ -119,12 +119,15 @@ def pareto(
     colony = _WeightedColony(problem, seed, ants, threads, clock)
     graph, archive = colony.graph, _Archive([OBJECTIVES.index(name) for name in names])
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
-    status = colony.status()
+    status, unit = colony.status(), 1.0
     if status is Status.FOUND:
         clearance = np.zeros(graph.distance.size)
         if "clearance" in names:
             clearance = graph.flat(grid.clearance() / grid.resolution)
         danger = np.where(np.isfinite(graph.distance), np.pad(risk, 1).ravel(), 0.0)  # no path is elsewhere
+        # Scores are compared with the tolerance _SAME, whatever the unit of the risk. A power of two changes no digit of them.
+        unit = 2.0 ** np.frexp(danger.max())[1]
+        danger /= unit
         with colony.walkers:
             aims = _weightings(colony, archive, names, clearance, danger)
             for t in range(cycles):
@@ -134,9 +137,9 @@ def pareto(
     if status is Status.FOUND and (clock.spent() or not archive.paths):
         status = Status.BUDGET
     order = np.argsort(archive.scores[:, 0], kind="stable")
-    values = archive.scores[order] * np.array(
-        [{"turns": 1.0, "clearance": -grid.resolution}.get(n, grid.resolution) for n in names]
-    )
+    size = grid.resolution
+    units = {"length": size, "turns": 1.0, "clearance": -size, "exposure": unit * size}
+    values = archive.scores[order] * [units[name] for name in names]
     plans = tuple(plan_of(problem, Status.FOUND, archive.paths[i], graph.bound, 0, clock) for i in order)
     return Front(status, names, values, plans)
 
