@@ -51,6 +51,29 @@ def test_yaw_survives_the_quaternion(yaw):
     np.testing.assert_allclose(back.to_xy(cells), grid.to_xy(cells), rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("q", [(1.0, 0.0, 0.0, 1.0), (0.0, 0.05, 1.0, 0.0), (0.0, 1.0, 0.8, 0.0), (1.0, 0.0, math.nan, 0.0)])
+def test_a_pose_is_level_only_with_a_quaternion_of_length_1(q) -> None:
+    """All four parts count: of (1, 0, 0, 1) the last two alone have the length 1, and the tilt is 90 degrees."""
+    pose, zero = convert.pose_message(1.0, 2.0, 0.0), convert.plain("", x=0.0, y=0.0, z=0.0)
+    pose.orientation = convert.plain("", **dict(zip("xyzw", q)))
+    odometry = convert.plain(
+        "",
+        header=convert.header_message(1.0, "odom"),
+        pose=convert.plain("", pose=pose),
+        twist=convert.plain("", twist=convert.plain("", linear=zero, angular=zero)),
+    )
+    path = convert.path_message([(0.0, 0.0), (1.0, 2.0)])
+    path.poses[1].pose = pose
+    for read, message in (
+        (convert.read_pose, pose),
+        (convert.read_mount, pose),
+        (convert.read_odometry, odometry),
+        (convert.read_path, path),
+    ):
+        with pytest.raises(BadParameter, match="orientation"):
+            read(message)
+
+
 def spoil(message, rng):
     """Spoil one part of an OccupancyGrid; the error it must raise."""
     info, data = message.info, message.data

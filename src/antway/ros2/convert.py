@@ -67,11 +67,16 @@ def pose_message(x: float, y: float, yaw: float, make: Make = plain) -> Any:
     )
 
 
+def _is_unit(*parts: float) -> bool:
+    """Tell whether these parts of a quaternion have the length 1, within `_TILT`."""
+    return abs(math.hypot(*parts) - 1.0) <= _TILT
+
+
 def read_pose(pose: Any, *, where: str = "pose") -> Pose:
     """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuse a pose that is not finite or is tilted."""
     x, y = _xy(pose.position, where, most=math.inf, unit="")
     q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), where=where) for n in "xyzw"]
-    if abs(math.hypot(q[2], q[3]) - 1.0) > _TILT:
+    if not (_is_unit(*q[2:]) and _is_unit(*q)):
         raise BadParameter("orientation", tuple(q), "a unit quaternion of a turn about z", where=where)
     return x, y, wrap(2.0 * math.atan2(q[2], q[3]))
 
@@ -86,7 +91,7 @@ def read_mount(pose: Any, *, where: str = "pose") -> tuple[Pose, bool]:
     ((0.2, 0.0, 3.141592653589793), True)
     """
     q = pose.orientation
-    if abs(math.hypot(q.x, q.y) - 1.0) > _TILT:
+    if not (_is_unit(q.x, q.y) and _is_unit(q.x, q.y, q.z, q.w)):
         return read_pose(pose, where=where), False
     level = plain("", x=0.0, y=0.0, z=q.y, w=q.x)  # a turn by pi about (x, y) mirrors y, then turns by twice their angle
     return read_pose(plain("", position=pose.position, orientation=level), where=where), True
@@ -250,7 +255,8 @@ def read_path(message: Any) -> NDArray[np.float64]:
     places, turns = ([getattr(one.pose, part) for one in message.poses] for part in ("position", "orientation"))
     xy = np.array([(p.x, p.y) for p in places], np.float64).reshape(-1, 2)
     q = np.array([(q.x, q.y, q.z, q.w) for q in turns], np.float64).reshape(-1, 4)
-    sound = (abs(xy) <= MAX_PLACE).all(axis=1) & np.isfinite(q).all(axis=1) & (abs(np.hypot(q[:, 2], q[:, 3]) - 1.0) <= _TILT)
+    norms = np.column_stack((np.hypot(q[:, 2], q[:, 3]), np.hypot.reduce(q, axis=1)))
+    sound = (abs(xy) <= MAX_PLACE).all(axis=1) & (abs(norms - 1.0) <= _TILT).all(axis=1)
     for i in np.flatnonzero(~sound).tolist():  # these say what is wrong
         where = f"Path.poses[{i}]"
         _xy(places[i], where)
@@ -291,7 +297,7 @@ def read_odometry(message: Any) -> Odometry:
     """
     pose, where = message.pose.pose, "Odometry.pose"
     (x, y), q = _xy(pose.position, where), pose.orientation
-    if abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) <= _TILT:
+    if _is_unit(q.x, q.y, q.z, q.w):
         tilt = 2.0 * math.acos(min(math.hypot(q.z, q.w), 1.0))
         checks.number("tilt", tilt, high=_RAMP, unit="rad", where=where)
         heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
