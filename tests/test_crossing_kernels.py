@@ -174,7 +174,7 @@ def test_the_first_leg_may_lead_to_any_cell_near_the_start() -> None:
         here = np.array([[-1.0, 3.0, x + 0.05, y, 0.0, 0.0, 0.3, 0.3]])
         assert colony(context, here, x, y, leg_cells=3, memory=memory)[1:3] == (-1, math.inf), "somebody stands there"
         walled = divmod(int(np.isinf(context.field).argmax()), 31)
-        assert colony(context, segments, *grid.centre(walled), memory=memory)[1:3] == (-1, math.inf), "no way out"
+        assert colony(context, segments, *grid.centre(walled), memory=memory)[1:] == (-1, math.inf, math.inf), "no way out"
     assert solved > 0
 
 

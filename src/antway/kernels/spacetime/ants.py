@@ -307,9 +307,11 @@ def search(
     memory.counter[GENERATION] += 1
     memory.counter[1:] = 0
     legs, here = _legs(memory, context, x, y, settings.leg_cells)
+    if here == math.inf:  # no way out: the bound is infinite, also where metres have no cost
+        return -1, limit, math.inf
     cost_rate = settings.distance_weight * context.speed
     least = t0 + here + cost_rate * here
-    if here == math.inf or least >= limit - settings.minimum_improvement:
+    if least >= limit - settings.minimum_improvement:
         return -1, limit, least
     # Find the intervals in which the robot can stand at its place.
     note_boxes(memory, predictions.segments)
