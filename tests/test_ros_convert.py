@@ -319,6 +319,19 @@ def test_a_robot_on_a_ramp_has_the_heading_that_is_seen_from_above(yaw: float) -
             convert.read_odometry(wrong)
 
 
+@pytest.mark.parametrize("cost", [255, 256, -129, 0.5])
+def test_an_update_with_costs_that_are_none_is_refused(cost: float) -> None:
+    """Numbers beyond 8 bits were wrapped: 255 was unknown, and 256 free."""
+    reader, grid = convert.MapReader("map", 100), Grid(np.ones((2, 3), bool))
+    reader.read(convert.grid_message(grid))
+    header = convert.header_message(1.0, "map")
+    change = convert.plain("", header=header, x=1, y=0, width=1, height=2, data=[100, cost])
+    with pytest.raises(BadMap, match="data"):
+        reader.update(change)
+    change.data = [0, -1]
+    assert reader.update(change).blocked.tolist() == [[True, False, True], [True, True, True]]
+
+
 def test_a_map_that_was_refused_as_older_counts_once_time_went_back() -> None:
     """A simulation that begins anew sends its map once, often before its clock is seen to go back."""
     reader = convert.MapReader("map", 100)

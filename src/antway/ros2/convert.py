@@ -202,10 +202,10 @@ class MapReader:
         window, part = np.s_[y : y + height, x : x + width], np.asarray(message.data).reshape(height, width)
         if np.array_equal(self.costs[window], part):
             return None
-        costs = self.costs.copy()
+        costs = self.costs.astype(np.result_type(self.costs, part))  # so that `read_grid` sees what the update says
         costs[window] = part
         grid = read_grid(plain("", info=self.info, data=costs.ravel()), occupied=self.occupied)
-        self.stamp, self.costs = stamp, costs
+        self.stamp, self.costs = stamp, costs.astype(np.int8)
         return grid
 
 
