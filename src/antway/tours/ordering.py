@@ -88,7 +88,8 @@ def order_stops(
     Parameters
     ----------
     matrix : array_like[n, n]
-        Travel time in s from row to column, in [0, 1e9], infinite if there is no path; it may be asymmetric.
+        Travel time in s from row to column, in [0, 1e9], infinite if there is no path; it may be asymmetric. For several robots
+        and with `priorities` it should hold shortest times: routes that are in time only through further stops may be missed.
     start : int
         Where all robots start, at t = 0 s or when the window of `start` opens.
     end : int, "start" or None
@@ -99,8 +100,7 @@ def order_stops(
         Duration of each stop, in s.
     priorities : array_like[n] or None
         Value of each stop, >= 0: the sum collected by `deadline` is maximised, then the cost is minimised; stops of value 0
-        are left out, unless the route through them takes less time. `matrix` should hold shortest times then: a stop that is
-        reached in time only through others may be left out. None: every stop must be visited.
+        are left out, unless the route through them takes less time. None: every stop must be visited.
     deadline : float
         Latest end time of each robot, in s.
     robots : int
