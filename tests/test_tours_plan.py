@@ -346,6 +346,18 @@ def test_wrong_input_is_one_error_that_names_the_stop(what: str) -> None:
     assert re.search(words, str(caught.value)), str(caught.value)
 
 
+def test_what_an_earlier_tour_lacks_is_told() -> None:
+    """Also where only the number of robots is another one."""
+    with pytest.raises(BadInput, match=r"initial = \(2, 1\): must be a tour of 2 stops and 2 robots"):
+        plan_tour(HALL, (0.5, 0.5), GOOD, robots=2, cycles=1, initial=plan_tour(HALL, (0.5, 0.5), GOOD, cycles=1))
+
+
+def test_stops_that_are_none_are_refused() -> None:
+    for wrong in (None, 3, [], {(0, 0)}, [(0, 0), 3]):
+        with pytest.raises(BadInput, match="stops"):
+            stop_distances(HALL, wrong)  # type: ignore[arg-type]
+
+
 def test_points_may_be_iterators() -> None:
     """What can be read only once is read once."""
     stops = (iter(stop) for stop in GOOD)

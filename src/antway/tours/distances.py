@@ -58,7 +58,7 @@ def stop_distances(
     """
     checks.instance("grid", grid, Grid)
     checks.instance("moves", moves, Moves)
-    cells = free_cells("stops", list(stops), grid)
+    cells = free_cells("stops", stops, grid)
     # Outer stops come first, so that the last ones are near each other.
     middle = np.mean(cells, axis=0)
     turn = np.argsort([-math.dist(cell, middle) for cell in cells], kind="stable")

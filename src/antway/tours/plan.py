@@ -215,7 +215,8 @@ def plan_tour(
     if initial is not None:
         checks.instance("initial", initial, TourPlan)
         if len(initial.task.stops) != len(task.stops) or initial.task.robots != task.robots:
-            raise BadParameter("initial", len(initial.task.stops), f"a tour of {len(task.stops)} stops and {robots} robots")
+            sizes = len(initial.task.stops), initial.task.robots
+            raise BadParameter("initial", sizes, f"a tour of {len(task.stops)} stops and {task.robots} robots")
         known = initial.ordering
     ordering = order_stops(away, **arguments(task), seconds=seconds, cycles=cycles, seed=seed, initial=known)
     return _finished(task, free, cells, ordering, began)
