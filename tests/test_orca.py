@@ -152,6 +152,18 @@ def test_who_stands_behind_the_goal_is_kept_two_margins_off(name: str, robot: Ro
     assert result.reached
 
 
+@pytest.mark.parametrize(("name", "option"), [("orca", "margin"), ("nh-orca", "margin"), ("nh-orca", "error")])
+def test_margins_beyond_any_map_are_refused(name: str, option: str) -> None:
+    """Velocities were NaN with 1e300 m, and 1e31 m/s with 1e30 m; up to the limit they keep the robot's."""
+    for wrong in (1e7, 1e30, 1e300, math.nan, -0.1):
+        with pytest.raises(BadParameter, match=option):
+            make_policy(name, **{option: wrong})
+    policy = make_policy(name, **{option: 1e6})
+    policy.reset(hall().task, 1)
+    for tracks in ([], [(7.2, 6.2, -1.0, 0.0, 0.3)]):
+        assert math.hypot(*policy.act(seen((4.2, 6.2), (0.5, 0.0), tracks)).velocity) <= 1.0 + 1e-6
+
+
 def test_unseen_it_fails_as_published() -> None:
     """CrowdNav's circle with a robot that the humans do not see: about 0.43 of the episodes succeed."""
     chosen = [episode for episode in episodes("crossing", cases(40, 500)) if episode.group == "circle"]

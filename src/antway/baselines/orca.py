@@ -14,7 +14,7 @@ from antway.grid import Grid
 from antway.world.nearby import now
 from antway.world.policy import XY, Command, Observation, Task, commanded
 
-AWAY = 1e6  # m; place of unused agents
+AWAY = 1e6  # m; place of unused agents, and limit of margins: with larger ones RVO2, in single precision, returns no numbers
 
 
 class Orca(Avoider):
@@ -29,7 +29,7 @@ class Orca(Avoider):
     horizon, wall_horizon : float
         For how long the velocity must be free of moving obstacles, and of walls, s, > 0.
     margin : float
-        Added to every radius, m, >= 0.
+        Added to every radius, m, in [0, 1e6].
     look_ahead : float
         Largest distance of the target along the path, m, > 0.
 
@@ -52,7 +52,7 @@ class Orca(Avoider):
     ) -> None:
         self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
         self.wall_horizon = checks.number("wall_horizon", wall_horizon, low=0.0, open_low=True, unit="s")
-        self.margin = checks.number("margin", margin, low=0.0, unit="m")
+        self.margin = checks.number("margin", margin, low=0.0, high=AWAY, unit="m")
         self.look_ahead = checks.number("look_ahead", look_ahead, low=0.0, open_low=True, unit="m")
         try:
             from pyrvo import RVOSimulator
@@ -115,7 +115,7 @@ class NhOrca(Orca):
     Parameters
     ----------
     error : float
-        Enlargement of the robot's radius, m, > 0.
+        Enlargement of the robot's radius, m, in (0, 1e6].
     turn_time : float
         Least T, s, > 0.
     horizon, wall_horizon, margin, look_ahead : float
@@ -140,7 +140,7 @@ class NhOrca(Orca):
         margin: float = 0.01,
         look_ahead: float = 2.0,
     ) -> None:
-        self.error = checks.number("error", error, low=0.0, open_low=True, unit="m")
+        self.error = checks.number("error", error, low=0.0, high=AWAY, open_low=True, unit="m")
         self.turn_time = checks.number("turn_time", turn_time, low=0.0, open_low=True, unit="s")
         super().__init__(horizon=horizon, wall_horizon=wall_horizon, margin=margin, look_ahead=look_ahead)
 
