@@ -618,6 +618,42 @@ def test_a_string_of_stops_is_removed_around_one() -> None:
         assert {one for one, staying in wanted.items() if staying in (0, most)} <= found <= set(wanted)
 
 
+def test_strings_are_removed_from_routes_near_a_stop() -> None:
+    """Against `ruin` by its definition, with the kernel's removal of one string: how many, from which routes, and how long."""
+    rng, numbers, last, empty = np.random.default_rng(12), set(), 0, 0
+    for case in range(cases(150, 2_000)):
+        n, k = 14, int(rng.choice([1, 3, 8]))
+        fleet, given = random_routes(rng, n, k)
+        near = np.array([[j for j in np.argsort(fleet.time[i]) if j not in (0, i, n - 1)][: n - 3] for i in range(n)], np.int32)
+        fleet = fleet._replace(near=near, most=np.full(n, -math.inf))  # so that nothing is reinserted
+        if case % 20 == 0:
+            given, empty = kernel.routes(n, k), empty + 1
+        now, trial, best, wanted = (kernel.routes(n, k) for _ in range(4))
+        for target in (now, best, wanted):
+            kernel.restore(fleet, given, target)
+        record = np.array([math.inf, 0.0, 0.0])
+        kernel.anneal(fleet, trial, now, best, record, np.uint64(case), 1, 1.0)
+        state, sizes = np.array([case], dtype=np.uint64), wanted.sizes - 2
+        if sizes.any():
+            longest = min(10.0, sizes.sum() / (sizes > 0).sum())
+            strings = int(1.0 + uniform(state) * (40.0 / (1.0 + longest)))
+            seed = 1 + int(below(state, n - 2))
+            if fleet.last_weight > 0.0 and uniform(state) < 0.5:
+                r = int(np.argmax(wanted.ends))
+                if sizes[r] > 0:
+                    seed, last = int(wanted.stops[r, 1 + below(state, sizes[r])]), last + 1
+            touched: list[int] = []
+            for stop in (seed, *near[seed].tolist()):
+                r = int(wanted.route[stop])
+                if r not in (kernel.OUT, *touched) and len(touched) < strings:
+                    touched.append(r)
+                    length = int(1.0 + uniform(state) * min(float(sizes[r]), longest))
+                    kernel.remove_string(fleet, wanted, r, stop, min(length, int(sizes[r])), state)
+            numbers.add((len(touched) == strings, len(touched)))
+        assert listed(now) == listed(wanted), case
+    assert last > 0 and empty > 0 and {(True, 1), (True, 2), (True, 3), (False, 1)} <= numbers
+
+
 def test_absent_stops_are_inserted_in_one_of_six_orders() -> None:
     """By time from the start or the other way round, by the end or the length of their windows, by price, or at random."""
     rng, seen = np.random.default_rng(9), set()

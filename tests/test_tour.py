@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -242,6 +244,56 @@ def test_focused_changes_keep_the_books():
         assert (colony.state.lengths <= before).all()
         before = colony.state.lengths.copy()
     assert (before < first).all()
+
+
+def changed(instance, colony, order, best, stream):
+    """An ant's tour after a cycle of focused construction, its length, and the numbers of worse changes kept and undone.
+
+    By the definition, with the kernels' double bridge, local search and undoing, which have tests of their own.
+    """
+    cities, (breadth, longest, attempts, window, temperature, *_) = colony.cities, colony.options
+    n, work, kept, undone = len(order), search.workspace(len(order), 500), 0, 0
+    search.set_tour(work, order)
+    now = instance.length(order)
+    window, hot = min(window, (n - 2) // 3), temperature * min(best, now) / n
+    for a in range(attempts):
+        p = ((stream.bits() >> 32) * n) >> 32
+        u = work.order[p]
+        ahead = [(work.order.tolist().index(city) - p) % n for city in cities.near[u]]
+        legal = [c for c, q in enumerate(ahead) if 3 <= q <= 2 * window]
+        if not legal:
+            continue
+        sums = np.cumsum(colony.state.weight[u, legal], dtype=np.float32)
+        share = np.float32(stream.bits() >> 41) * np.float32(2.0**-23) * sums[-1]
+        q = ahead[legal[int((sums > share).argmax())]]
+        b = 1 + (((stream.bits() >> 32) * (q - 2)) >> 32)
+        tsp.bridge(cities, work, p, b, q - 1, q + (((stream.bits() >> 32) * window) >> 32))
+        search.settle(cities, work, breadth, longest)
+        gain = now - instance.length(work.order)
+        if gain < 0.0 and math.exp(gain / (hot * (1.0 - a / attempts))) <= 1.0 - (stream.bits() >> 11) * 2.0**-53:
+            search.undo(work)
+            undone += 1
+        else:
+            work.counts[search.LOGGED], now, kept = 0, now - gain, kept + (gain < 0.0)
+    return work.order.tolist(), now, kept, undone
+
+
+def test_focused_changes_are_drawn_and_kept_by_the_definition():
+    """`refine` against its twin: where to change, by which edge and how far, and which longer tours are kept."""
+    kept, undone = 0, 0
+    for n, window in ((60, 30), (60, 4), (9, 30)):
+        instance = Tsp(np.random.default_rng(17).integers(0, 900, (n, 2)), metric="EUC_2D")
+        options = tsp.LocalSearchOptions(5, n, 40, window, 0.8)
+        colony = Colony(instance, ants=3, candidates=6, options=options, seed=5)
+        colony.run(1, np.empty((1, 2)))
+        for cycle in range(1, cases(4, 40)):
+            orders, best = colony.state.orders.copy(), colony.best_cost
+            colony.run(1, np.empty((1, 2)))
+            for ant, order in enumerate(orders):
+                wanted, length, *worse = changed(instance, colony, order, best, ants.Stream(5, cycle * 3 + ant))
+                assert colony.state.orders[ant].tolist() == wanted and colony.state.lengths[ant] == length
+                kept, undone = kept + worse[0], undone + worse[1]
+    assert kept > 0 and undone > 0
 
 
 @pytest.mark.parametrize("anew", [0, 1, 2, 4])
