@@ -11,10 +11,13 @@ import pytest
 from antway import Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, make_policy, run
 from antway.arena.suites import Chance, SuiteEpisode, build, episodes, facts, seed_of, stage
 from antway.errors import BadParameter
+from antway.kernels.base.records import Trajectories
+from antway.kernels.baselines.oracle import first_contact
 from antway.tables import NEED_PYRVO, POLICIES
 from antway.world.motions import Bounce, Line
 from antway.world.policy import Command
 from antway.world.sensor import Sensor
+from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
 from common import cases, costly
 from crossing import crowd
@@ -186,6 +189,39 @@ def test_the_oracle_is_a_bound():
         assert best.reached and best.time >= 0.999 * known.bound, episode.name
         other = run(scenario, "sipp", seed=episode.seed)
         assert not other.reached or other.time > 0.9 * known.bound
+
+
+def test_the_oracle_sees_the_first_contact_of_a_path():
+    """With discs that move between knots, when it happens; with walls and the edge, at the start of the leg that meets them."""
+    rng, blocked, radius, seen = np.random.default_rng(8), np.zeros((20, 20), np.bool_), 0.3, {"free": 0, "wall": 0, "disc": 0}
+    blocked[8:11, 4:9] = True  # x from 2 to 4.5 m, y from 4 to 5.5 m
+    terrain = terrain_of(Grid(blocked, 0.5))
+    for _ in range(cases(60, 1_000)):
+        t, xy = np.cumsum(rng.uniform(0.5, 2.0, 4)), np.vstack(([[7.0, 5.0]], rng.uniform(0.2, 9.8, (3, 2))))
+        knot_t = np.tile([0.0, 4.0, 9.0], 2)
+        knot_xy, size = rng.uniform(0.0, 10.0, (6, 2)), rng.uniform(0.1, 0.6, 2)
+        found = first_contact(t, xy, radius, terrain, Trajectories(knot_t, knot_xy, np.array([0, 3, 6]), size))
+        wanted, kind, close = math.inf, "free", math.inf
+        for i in range(3):
+            when = np.linspace(t[i], t[i + 1], 1001)
+            x, y = (np.interp(when, t, xy[:, axis]) for axis in (0, 1))
+            wall = np.hypot(x - np.clip(x, 2.0, 4.5), y - np.clip(y, 4.0, 5.5))
+            room = np.min([wall, x, y, 10.0 - x, 10.0 - y], axis=0).min() - radius
+            gaps = [
+                np.hypot(*(np.interp(when, knot_t[:3], knot_xy[k : k + 3, axis]) - own for axis, own in ((0, x), (1, y)))) - r
+                for k, r in zip((0, 3), size + radius)
+            ]
+            gap = np.min(gaps, axis=0)
+            close = min(close, abs(room), abs(gap.min()))
+            if room < 0.0 or gap.min() < 0.0:
+                kind = "wall" if room < 0.0 and gap[0] > 0.0 else "disc"
+                wanted = t[i] if kind == "wall" else when[np.argmax(gap < 0.0)]
+                break
+        if close < 1e-3:
+            continue  # whether they touch is a matter of rounding
+        seen[kind] += 1
+        assert found == pytest.approx(wanted, abs=0.0 if kind == "wall" else 2.1e-3), kind
+    assert min(seen.values()) > 3, seen
 
 
 def test_the_oracle_waits_at_the_rim_of_the_goal():
