@@ -16,7 +16,7 @@ from antway import BadInput, BadMap, BadParameter, TooLarge, load_tsp, solve_tsp
 from antway.ants.colony import Colony
 from antway.ants.immune import Immune
 from antway.ants.persistence import Constant
-from antway.ants.rules import RULES
+from antway.ants.rules import RULES, AntSystem
 from antway.ants.tsp import local_search_options
 from antway.ants.tsplib import Tsp, parse
 from antway.kernels.colony.tsp import walk_once
@@ -333,6 +333,13 @@ def test_wrong_options(wrong):
     for instance in (RANDOM, Tsp([(0, 0)] * 9), Tsp([(0, 0), (1, 1)])):
         with pytest.raises(BadParameter):
             solve_tsp(instance, **{"cycles": 1, **wrong})
+
+
+@pytest.mark.parametrize("wrong", [{"candidates": 10**6}, {"candidates": 151}, {"ants": 501}, {"rule": AntSystem(ants=10**6)}])
+def test_colonies_that_would_take_all_memory_are_refused(wrong):
+    """Before memory is taken: all 200,000 cities as candidates would be 160 GB."""
+    with pytest.raises(TooLarge, match=r"at most (150|500) for 200000 cities"):
+        solve_tsp(Tsp(np.arange(400_000.0).reshape(-1, 2)), cycles=1, **wrong)
 
 
 @pytest.mark.parametrize(

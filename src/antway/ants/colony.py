@@ -14,12 +14,14 @@ from antway.ants.immune import Immune, Immunity, scaled, vaccinate_tour
 from antway.ants.persistence import Persistence
 from antway.ants.rules import MaxMinAntSystem, Rule, make_rule
 from antway.ants.tsplib import Tsp, permutation
-from antway.errors import BadParameter
+from antway.errors import BadParameter, TooLarge
 from antway.kernels.colony import tour as cities_kernel
 from antway.kernels.colony import tsp as kernel
 from antway.kernels.colony.pheromone import Numbers, limits
 from antway.kernels.colony.pheromone import persistence as persistence_of
 
+MAX_EDGES = 30_000_000  # limit of cities times candidates, about 60 bytes each; all pairs of a matrix are fewer
+MAX_PLACES = 100_000_000  # limit of cities times ants, 4 bytes each
 NO_LOCAL_SEARCH = kernel.LocalSearchOptions(-1, 0, 0, 0)
 
 
@@ -79,9 +81,14 @@ class Colony:
         checks.integer("candidates", candidates, low=1)
         if instance.size < 4:
             raise BadParameter("instance.size", instance.size, "at least 4 cities")
-        self.cities = instance.cities(candidates, by_quadrant=options.breadth >= 0)
-        n, k = self.cities.near.shape
+        n = instance.size
         m = self.rule.ants or (25 if isinstance(self.rule, MaxMinAntSystem) else min(n, 100))
+        if n * min(candidates, n - 1) > MAX_EDGES:
+            raise TooLarge("candidates", candidates, f"at most {MAX_EDGES // n} for {n} cities")
+        if n * m > MAX_PLACES:
+            raise TooLarge("ants", m, f"at most {MAX_PLACES // n} for {n} cities")
+        self.cities = instance.cities(candidates, by_quadrant=options.breadth >= 0)
+        k = self.cities.near.shape[1]
         self.numbers = self.rule.numbers(m)
         # The heuristic is 1 / distance, scaled to 1 for the nearest city. Equal places count as a tenth of the shortest edge.
         gap = self.cities.gap
