@@ -15,7 +15,17 @@ from antway.errors import BadParameter
 from antway.ros2 import frames
 from antway.ros2.goals import Goal
 from antway.ros2.pilot import Pilot
-from antway.ros2.scan import FIRST_ID, Background, Laser, ScanTracker, discs, newest_reached, read_points, without_ids
+from antway.ros2.scan import (
+    FIRST_ID,
+    Background,
+    Laser,
+    ScanTracker,
+    _of_radius,
+    discs,
+    newest_reached,
+    read_points,
+    without_ids,
+)
 from antway.ros2.settings import Settings
 from antway.scenes import scene
 from antway.world.policy import Command, Decision, Observation, Tracks
@@ -319,6 +329,23 @@ def test_own_numbers_are_none_that_a_sensor_gives() -> None:
         nameless = tracker.update(0.1 * k, Tracks([-1], [[1.0, 1.0]], nan, radius))
     both = tracker.update(0.5, Tracks([0], [[5.0, 5.0]], nan, radius))
     assert len(both) == 2 and set(both.id.tolist()) == {*nameless.id.tolist(), 0} and not both.velocity.any()
+
+
+def test_a_part_of_a_rim_of_known_radius_tells_the_centre() -> None:
+    """From an arc of 40 degrees on; a straight row of points, two points, and a rim elsewhere tell none."""
+    rng = np.random.default_rng(9)
+    for _ in range(cases(50, 1000)):
+        radius, centre, first = rng.uniform(0.2, 0.6), rng.uniform(-5.0, 5.0, 2), rng.uniform(-math.pi, math.pi)
+        angle = first + np.linspace(0.0, rng.uniform(0.7, 2.0), int(rng.integers(5, 20)))
+        points = centre + radius * np.column_stack((np.cos(angle), np.sin(angle)))
+        near = centre + rng.uniform(-0.35, 0.35, 2) * radius
+        assert _of_radius(points, radius, near) == pytest.approx(centre, abs=1e-3)
+        noisy = points + rng.normal(0.0, 0.002, points.shape)
+        assert math.dist(_of_radius(noisy, radius, near), centre) < 0.05
+        assert _of_radius(points[:2], radius, near) is None
+        assert _of_radius(points, radius, centre + 3.0 * (centre - points.mean(axis=0)) / radius) is None
+        row = near + np.outer(np.linspace(-1.0, 1.0, 9), (math.cos(first), math.sin(first))) + 1e-3
+        assert _of_radius(row, radius, near) is None
 
 
 def test_what_passes_behind_another_keeps_its_velocity() -> None:
