@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 
 from antway.ants.tsplib import MAX_MATRIX
 from antway.kernels.colony import held_karp
+from antway.tours import untimed
 from antway.tours.ordering import order_stops
-from antway.tours.stops import MAX_STOPS
+from antway.tours.stops import MAX_STOPS, Stops
 from common import cases
 from naive import held_karp as naive
 
@@ -111,6 +113,34 @@ def test_the_order_may_start_anywhere() -> None:
             order = found.orders[0].tolist()
             assert order[0] == 3 and set(order) == set(range(n))
             assert end is None or order[-1] == (3 if end == "start" else end)
+
+
+@pytest.mark.parametrize("end", [None, "start", 7])
+@pytest.mark.parametrize("improves", [False, True])
+def test_a_former_order_gets_missing_stops_where_they_cost_least(monkeypatch, improves: bool, end: int | str | None) -> None:
+    """One by one, by number; then local search makes it shorter."""
+    if not improves:
+        monkeypatch.setattr(untimed, "improve", lambda *_: 0.0)
+    rng, start, n, gained = np.random.default_rng(7), 3, 20, 0
+    tail = [] if end is None else [start if end == "start" else end]
+    for _ in range(cases(10, 200)):
+        away = plane(rng, n)
+        inner = [stop for stop in rng.permutation(n).tolist() if stop not in (start, *tail)]
+        known = [start, *inner[: int(rng.integers(0, len(inner)))], *tail]
+        stops = Stops(away, start, end, None, None, None, math.inf, 1, "travel time")
+        found = untimed.improved_order(stops, np.array(known, np.int32)).tolist()
+        for stop in sorted({*inner} - {*known}):
+            longer = [away[a, stop] + away[stop, b] - away[a, b] for a, b in pairwise(known)]
+            longer += [away[known[-1], stop]] if end is None else []
+            known.insert(1 + int(np.argmin(longer)), stop)
+        if not improves:
+            assert found == known
+            continue
+        assert sorted(found[:n]) == list(range(n)) and found[0] == start and found[len(found) - len(tail) :] == tail
+        length, before = (sum(away[a, b] for a, b in pairwise(order)) for order in (found, known))
+        assert length <= before + 1e-9
+        gained += length < before - 1e-9
+    assert gained > 3 or not improves
 
 
 @pytest.mark.parametrize("end", [None, 3])
