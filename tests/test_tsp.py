@@ -350,6 +350,8 @@ def test_colonies_that_would_take_all_memory_are_refused(wrong):
         {"xy": []},
         {"xy": [(0, 0, 0)]},
         {"xy": [(0, 0)], "metric": "MANHATTAN"},
+        {"xy": [(0, 0)], "optimum": -1.0},
+        {"xy": [(0, 0)], "optimum": math.nan},
         {"matrix": [[0, 1], [2, 0]]},
         {"matrix": [[0, -1], [-1, 0]]},
         {"matrix": [[0, math.nan], [math.nan, 0]]},
