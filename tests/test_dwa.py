@@ -193,6 +193,38 @@ def test_no_stop_is_clear_where_the_arc_bulges_into_a_wall(robot: RobotSpec, v: 
         assert stops_clear(1.0, 1.9, state, robot.limits, 0.1, terrain_of(Grid(blocked, 0.2))) is clear
 
 
+def test_the_edge_of_the_map_is_a_wall_for_twists() -> None:
+    """The robot drives towards it; and each candidate is told whether a period of it, and then braking, is clear."""
+    terrain, none = terrain_of(Grid(np.zeros((40, 40), dtype=bool), 0.2)), obstacles(np.empty((0, 5)))
+    state, clear = RobotState(4.0, WHEELS.radius + 0.65, -math.pi / 2, 1.0, 0.0), set()
+    twists = np.array([(v, w) for v in (1.0, 0.9, 0.3) for w in (-0.3, 0.0, 0.3)])
+    out = np.empty((9, 6))
+    roll_out_twists(twists, state, WHEELS.limits, 0.1, 30, 10, terrain, none, out)
+    assert out[1, 0] == pytest.approx(0.6, abs=0.051)
+    for gap in np.linspace(0.5, 0.65, 16):
+        state = state._replace(y=WHEELS.radius + float(gap))
+        roll_out_twists(twists, state, WHEELS.limits, 0.1, 3, 1, terrain, none, out)
+        assert out[:, 5].tolist() == [stops_clear(v, w, state, WHEELS.limits, 0.1, terrain) for v, w in twists.tolist()]
+        clear |= set(out[:, 5].tolist())
+    assert clear == {0.0, 1.0}
+
+
+@pytest.mark.parametrize("robot", [WHEELS, RobotSpec(a_max=1.0, brake_max=2.0)])
+def test_going_straight_along_a_wall_or_standing_beside_it_is_clear(robot: RobotSpec) -> None:
+    """A straight way has no arc that bulges into a wall 5 mm away, and who turns in place needs no room at all."""
+    blocked = np.zeros((40, 40), dtype=bool)
+    blocked[:, 30:] = blocked[30:] = True
+    terrain, near = terrain_of(Grid(blocked, 0.2)), 6.0 - robot.radius
+    for v in (0.2, 1.0):
+        ways = [(0.0, (v, 0.0), (3.0, near - 0.005))]
+        ways += [(math.pi / 2, (v, 0.0), (near - 0.005, 3.0))] if robot.wheels else [(0.0, (0.0, v), (near - 0.005, 3.0))]
+        for heading, velocity, (x, y) in ways:
+            state = RobotState(x, y, heading, *velocity)
+            assert stops_clear(*velocity, state, robot.limits, 0.1, terrain)
+    spin = 1.9 if robot.wheels else 0.0
+    assert stops_clear(0.0, spin, RobotState(near - 1e-6, near - 1e-6, 0.0, 0.0, spin), robot.limits, 0.1, terrain)
+
+
 def test_predictions_are_what_saves_it() -> None:
     """Discs that cross fast are missed; taken for standing, as in 1997, they are not all."""
     hits = {"moving": 0, "still": 0}

@@ -208,6 +208,8 @@ def test_no_way_no_time_and_no_distance_are_told():
     assert [plan.length for plan in alternatives(here)] == [0.0]
     for plan in (*pareto(here).plans, *alternatives(here)):
         check_plan(here, plan)
+    beside = Problem(Grid(blocked), (0, 0), (0, 1))
+    assert [plan.length for plan in alternatives(beside, 1)] == [1.0] and pareto(beside).values.tolist() == [[1.0, 0.0]]
 
 
 class Later(threading.Event):
