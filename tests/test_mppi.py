@@ -101,6 +101,16 @@ def test_noise_suits_the_robot_and_the_seed() -> None:
     assert firsts[0] != firsts[1]
 
 
+def test_at_a_low_temperature_the_cheapest_sequence_counts_alone() -> None:
+    """However much more the others cost: weights are relative to it, so that no exponential overflows."""
+    policy = make_policy("mppi", samples=20, temperature=1e-5)
+    policy.reset(hall(robot=RobotSpec(drive="differential", a_max=2.0)).task, 3)
+    policy.act(Observation(0.0, (1.125, 3.125), (0.0, 0.0), 0.0, Tracks([1], [(2.0, 3.2)], [(-0.5, 0.0)], [0.3])))
+    cost = policy.sampling.cost
+    assert np.ptp(cost) > 1.0
+    assert policy.nominal == pytest.approx(policy.sampling.drawn[cost.argmin()], abs=1e-6)
+
+
 def test_walls_are_kept_clear_of() -> None:
     """Round a block in the middle of the hall, on wheels, close to its corners and without contact."""
     blocked = HALL.blocked.copy()

@@ -820,6 +820,7 @@ def test_a_path_beyond_any_map_may_be_sent_twice() -> None:
 
 def test_a_sensor_that_sees_all_around_is_no_reason_to_look_farther_than_the_map() -> None:
     assert around(ROOM, (3.0, 3.0), math.inf) == around(ROOM, (3.0, 3.0), 1e30) == ROOM
+    assert around(ROOM, (-0.1, 3.0), 1.0) is around(ROOM, (3.0, 1e9), 1.0) is None
 
 
 def test_paths_that_lead_to_the_moon_are_refused() -> None:
