@@ -184,9 +184,10 @@ def turning_times(
 
 @kernel
 def _leads_there(arrives: Bools, may: Bools, steps: Floats) -> Bools:
-    """Tell from which poses steps that may be taken lead to a cell of `arrives`, bool[H, W]; the others are as in the caller.
+    """Tell from which poses steps lead to a cell of `arrives`, bool[H, W], bool[headings, H, W].
 
-    The poses are found backwards from these cells. A step ends between four cells, and counts as leading to each of them.
+    `may`, bool[headings, 6, H, W], tells which steps may be taken, and `steps` are those of `_steps_of_car`. The
+    poses are found backwards from these cells. A step ends between four cells, and counts as leading to each of them.
     """
     headings, (rows, cols) = len(steps), arrives.shape
     found = np.zeros((headings, rows, cols), np.bool_)
