@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from antway import BadInput, Command, Grid, Observation, Outcome, RobotSpec, Task, Tracks
+from antway import BadInput, BadParameter, Command, Grid, Observation, Outcome, RobotSpec, Task, Tracks
 from antway.policies import guard_process
 from antway.policies.guard import Guard
 from antway.policies.guard_memory import MAX_TRACKS, SIDES, SIZE, Link
@@ -283,6 +283,15 @@ def test_wrong_settings_raise(wrong: dict) -> None:
     """They are refused before a process starts, or end it."""
     with pytest.raises(BadInput):
         GuardProcess(**{"task": TASK} | wrong)
+
+
+def test_what_is_no_task_is_refused_and_the_guard_goes_on(process: GuardProcess) -> None:
+    """It was an AttributeError; so it was for what is no observation or no command."""
+    for wrong, name in ((process.reset, "task"), (process.observe, "observation"), (partial(process.limit, 0), "command")):
+        with pytest.raises(BadParameter, match=name):
+            wrong(3)  # type: ignore[operator]
+    process.reset(TASK)
+    assert process.alive
 
 
 def _link(folder: Path) -> Link:

@@ -121,8 +121,9 @@ class GuardProcess:
         ------
         BadParameter
             If the process has ended, or is not ready within 5 s (300 s for a new robot); it is killed then. The robot needs
-            another `GuardProcess` in either case.
+            another `GuardProcess` in either case. For what is no task the process goes on as before.
         """
+        checks.instance("task", task, Task)
         self._reset(task, _READY if task.robot == self.task.robot else _START)
 
     def _reset(self, task: Task, seconds: float) -> None:
@@ -149,6 +150,7 @@ class GuardProcess:
 
     def observe(self, o: Observation) -> int:
         """Write an observation for guard and planner; return its number."""
+        checks.instance("observation", o, Observation)
         self.link.observe(self.number + 1, o)
         self.number += 1
         self.link.ring("guard", "planner")
@@ -167,6 +169,8 @@ class GuardProcess:
 
     def limit(self, number: int, command: Command | None) -> GuardAnswer:
         """Return the guard's answer to a command that a planner in this process requests for that observation."""
+        if command is not None:
+            checks.instance("command", command, Command)
         self.link.ask(number, command)
         self.link.ring("guard")
         return self.answer(number)
