@@ -53,6 +53,16 @@ def sample(seed: int = 0) -> Trace:
     )
 
 
+def test_a_trace_has_arrays_of_its_own() -> None:
+    """The arrays that were given became read-only; and what is written to them later does not change the trace."""
+    given = {name: np.array(getattr(sample(), name)) for name in ("t", "xy", "velocity", "heading", "command", "sensed", "cycle_ms")}
+    trace = replace(sample(), **given, turn_rate=np.zeros(7))
+    for name, array in given.items():
+        array[:] = 0
+        assert np.array_equal(getattr(trace, name), getattr(sample(), name), equal_nan=True)
+        assert not getattr(trace, name).flags.writeable
+
+
 def test_a_file_gives_back_every_bit(tmp_path: Path) -> None:
     """Saved and loaded, every array, decision and number is the same, and the digest with it."""
     trace = sample()

@@ -106,9 +106,11 @@ class Trace:
     def __post_init__(self) -> None:
         if not len(self.turn_rate):
             object.__setattr__(self, "turn_rate", np.zeros(len(self.t)))
-        arrays = self.t, self.xy, self.velocity, self.heading, self.turn_rate, self.command, self.sensed, self.cycle_ms
-        for array in arrays:
-            array.flags.writeable = False
+        for name in ("t", "xy", "velocity", "heading", "turn_rate", "command", "sensed", "cycle_ms"):
+            array = getattr(self, name)
+            if array.flags.writeable:  # whoever gave it may go on writing to it
+                object.__setattr__(self, name, array := array.copy())
+                array.flags.writeable = False
 
     def __repr__(self) -> str:
         """Return one line, because arrays of an episode fill a screen hundreds of times."""
