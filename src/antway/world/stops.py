@@ -109,12 +109,12 @@ class Rounds:
         return {
             "stops": [
                 {
-                    "name": self.name(k),
+                    "name": stop.name,
                     "at": list(stop.at),
                     "window": [stop.window[0], stop.window[1] if math.isfinite(stop.window[1]) else None],
                     "service": stop.service,
                 }
-                for k, stop in enumerate(self.stops)
+                for stop in self.stops
             ],
             "visits": [list(visit) for visit in self.visits],
             "turns": [[turn.t, list(turn.order), turn.reason] for turn in self.turns],
