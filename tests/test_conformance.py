@@ -154,6 +154,28 @@ def test_what_makes_no_policy_is_refused(wrong):
         check_policy(wrong)
 
 
+def test_what_cannot_be_made_is_told_as_a_fault():
+    """Whatever it raised, such as a TypeError for an argument that is missing, ended the check; so did what is made only once."""
+    made = []
+
+    def once():
+        made.append(Follow() if not made else made[9])
+        return made[0]
+
+    for make, words in ((Sealed, "TypeError: .*secret"), (once, "IndexError: list index out of range")):
+        with pytest.raises(InvalidPlan, match=f"it cannot be made: {words}"):
+            check_policy(make)
+    with pytest.raises(BadParameter, match="a policy with the methods"):
+        check_policy(dict)
+
+
+class Sealed(Follow):
+    """A policy that takes an argument, which nobody gives here."""
+
+    def __init__(self, secret):
+        self.secret = secret
+
+
 def test_a_time_limit_that_is_none_is_refused():
     """Nothing is slower than NaN s."""
     with pytest.raises(BadParameter, match="seconds"):

@@ -24,7 +24,7 @@ from antway.planning import Budget, Plan, Planner, Problem, Status
 from antway.verify import check_plan
 from antway.world.episode import checked_command, run
 from antway.world.motions import Bounce, Line
-from antway.world.policy import Decision, Foresees, Observation, Policy, RobotSpec, Task, Tracks
+from antway.world.policy import Decision, Foresees, Observation, Policy, RobotSpec, Task, Tracks, as_policy
 from antway.world.scenario import Scenario
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
@@ -59,7 +59,7 @@ def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
     checks.number("seconds", seconds, low=0.0, unit="s")
     faults: list[str] = []
     scenario = _scenario()
-    policy = make()
+    policy = _made(make)
     before = _global_state()
     first = run(scenario, policy, seed=1)
     if first.outcome.value == "error":
@@ -70,7 +70,7 @@ def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
         faults.append("commands: not all of them are finite, and the robot brakes then")
     if len(first.cycle_ms) > 1 and first.cycle_ms[1:].max() > 1e3 * seconds:
         faults.append(f"time limit: a cycle took {first.cycle_ms[1:].max():.0f} ms, more than {1e3 * seconds:g} ms")
-    runs = {"reset: a second episode differs from the first": policy, "seeding: another instance gives other commands": make()}
+    runs = {"reset: a second episode differs from the first": policy, "seeding: another instance gives other commands": _made(make)}
     for fault, player in runs.items():
         again = run(scenario, player, seed=1)
         assert first.trace is not None and again.trace is not None
@@ -79,6 +79,15 @@ def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
     faults += _odd_observations(make, scenario.task)
     if faults:
         raise InvalidPlan(faults)
+
+
+def _made(make: Callable[[], Policy]) -> Policy:
+    """Return a new policy."""
+    try:
+        made: object = make()
+    except Exception as error:  # any exception of a third party is reported
+        raise InvalidPlan([f"it cannot be made: {type(error).__name__}: {error}"]) from error
+    return as_policy(made)
 
 
 def check_planner(planner: Planner) -> None:
@@ -172,7 +181,7 @@ def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
     }
     faults = []
     for name, unchanged in unusual.items():
-        policy, observation = make(), deepcopy(unchanged)
+        policy, observation = _made(make), deepcopy(unchanged)
         if isinstance(policy, Foresees):
             policy.foresee(_scenario().world.timeline(0, 20.0))
         try:
