@@ -295,7 +295,10 @@ def test_robots_are_found_by_name_and_file(tmp_path: Path) -> None:
     file.write_text('drive = "differential"\na_max = 0.5\nfootprint = [[-0.2, -0.1], [0.2, -0.1], [0.2, 0.1], [-0.2, 0.1]]\n')
     assert load_robot(str(file)).radius == pytest.approx(math.hypot(0.2, 0.1))
     both = "radius = 0.1\nfootprint = [[-0.2, -0.1], [0.2, -0.1], [0.2, 0.1], [-0.2, 0.1]]"
-    for text in ("wheels = 2", "v_max = -1", "v_max", 'drive = "tank"', both):
+    file.write_text("[robot]\nv_max = 0.5\n")
+    assert load_robot(file) == RobotSpec(v_max=0.5)
+    beside = "v_max = 0.7\n[robot]\nv_max = 0.5", "[robot]\nv_max = 0.5\n[limits]\na_max = 0.3"  # which was not read
+    for text in (*beside, "wheels = 2", "v_max = -1", "v_max", 'drive = "tank"', both):
         file.write_text(text)
         with pytest.raises(BadInput, match=r"mine\.toml"):
             load_robot(file)

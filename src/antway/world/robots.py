@@ -266,6 +266,8 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
 def load_robot(name: str | Path) -> RobotSpec:
     """Return the robot of that name (`ROBOTS`), or the one in a TOML file, whose keys are the fields of `RobotSpec`.
 
+    They may stand in a table [robot], if there is nothing else in the file.
+
     Raises
     ------
     BadParameter, BadScenario
@@ -282,6 +284,8 @@ def load_robot(name: str | Path) -> RobotSpec:
     if path is None or path.suffix != ".toml" or not isfile(path):
         raise BadParameter("robot", str(name), f"one of {', '.join(ROBOTS)}, or the name of a .toml file that exists")
     record = read_toml_file(path, _MAX_BYTES, "robot")
+    if "robot" in record:
+        check_keys(record, "", ("robot",), (), str(path))
     return robot_of(record.get("robot", record), str(path))
 
 
