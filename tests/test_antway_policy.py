@@ -820,6 +820,9 @@ def test_fewer_ants_are_for_one_cycle_alone() -> None:
     policy.step_ants(2, lambda: policy.act(Observation(0.0, task.start, (0.0, 0.0), 0.0, Tracks.none())))
     after = policy.state.settings
     assert (after.expansions, after.improvement_expansions) == (before.expansions, before.improvement_expansions)
+    with pytest.raises(ZeroDivisionError):
+        policy.step_ants(2, lambda: 1 / 0)
+    assert policy.state.settings == after
 
 
 @pytest.mark.parametrize("robot", ["holonomic", "diff"])

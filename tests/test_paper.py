@@ -405,6 +405,9 @@ def test_ants_that_were_watched_step_by_step_get_all_their_cycles_again() -> Non
     policy = make_policy("paper", cycles=7)
     policy.reset(hall().task, 0)
     assert policy.step_ants(1, lambda: None).done and policy.cycles == 7
+    with pytest.raises(ZeroDivisionError):
+        policy.step_ants(1, lambda: 1 / 0)
+    assert policy.cycles == 7
 
 
 def test_trails_lead_from_cells_along_their_moves() -> None:

@@ -433,15 +433,17 @@ class AntwayPolicy:
         expansions, improvement, due = s.settings.expansions, s.settings.improvement_expansions, s.plan.state[NEXT_SEARCH]
         least = min(expansions, budget), min(improvement, budget)
         s.settings = s.settings._replace(expansions=least[0], improvement_expansions=least[1])
-        act()
+        try:
+            act()
+        finally:
+            after = self._state  # that of a reset, if there was one
+            after.settings = after.settings._replace(expansions=expansions, improvement_expansions=improvement)
         idle, tested = "", int(self.memory().counter[EXPANSIONS])
         if tested == 0:
             idle = "No ants in this control cycle: no other plan can be better."
             if s.plan.state[NEXT_SEARCH] == due:
                 idle = f"No ants in this control cycle: all goes as foreseen. They look for a better plan from {due:.2f} s on."
-        step, s = AntStep(idle, tested < budget or budget >= expansions, self.explain()), self._state
-        s.settings = s.settings._replace(expansions=expansions, improvement_expansions=improvement)
-        return step
+        return AntStep(idle, tested < budget or budget >= expansions, self.explain())
 
     def trails(self) -> LaidTrails:
         """Return the pheromone on moves between places, its maximum over all times of arrival."""

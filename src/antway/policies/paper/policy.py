@@ -196,8 +196,10 @@ class PaperPolicy:
         """Return the result of the control cycle that `act` plays, with at most `cycles` ant cycles."""
         before, most = self.colonies, self.cycles
         self.cycles = min(cycles, most)
-        act()
-        self.cycles = most
+        try:
+            act()
+        finally:
+            self.cycles = most
         found, decision = self.found, self.decision
         if found is None or self.colonies == before:
             idle = "No ants in this control cycle: policy paper uses them only for a detour around an obstacle ahead."
