@@ -10,6 +10,7 @@ import sqlite3
 import subprocess
 import sys
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,20 @@ def test_rows_come_back_as_they_went_in(tmp_path):
         found = results.rows()
     assert [one.key for one in found] == sorted(one.key for one in rows)
     assert [repr(one) for one in found] == [repr(one) for one in sorted(rows, key=lambda one: one.key)]
+
+
+@pytest.mark.parametrize("seed", [2**63, -1, 0.5, True, None])
+def test_a_seed_that_the_file_cannot_hold_is_refused(file, seed):
+    """It was an OverflowError from SQLite, or a row that was found damaged later."""
+    with pytest.raises(BadParameter, match="seed"):
+        replace(row(1), seed=seed)
+    with Results(file) as results:
+        results.add(replace(row(1), seed=np.int32(7), waits=np.uint8(3)))
+        found = next(one for one in results.rows() if one.seed == 7)
+        assert found.waits == 3 and type(found.seed) is type(found.waits) is int
+        for ask in (results.has, results.trace):
+            with pytest.raises(BadResults, match="too large"):
+                ask((*row(1).key[:3], 2**63, "0.1.0"))
 
 
 def test_traces_are_kept_with_their_rows(file):

@@ -15,6 +15,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from antway import checks
 from antway.errors import BadParameter, BadResults
 from antway.world.tracefile import MAX_BYTES
 from antway.writing import writing
@@ -28,7 +29,13 @@ Key = tuple[str, str, str, int, str]  # suite, episode, policy, seed, version
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The result of one episode under one policy; missing numbers are NaN. The first five fields are the key."""
+    """The result of one episode under one policy; missing numbers are NaN. The first five fields are the key.
+
+    Raises
+    ------
+    BadParameter
+        For a seed or a number of times that is no integer in [0, 2**63 - 1].
+    """
 
     suite: str
     episode: str
@@ -54,6 +61,7 @@ class Row:
     cycle_max: float = math.nan
 
     def __post_init__(self) -> None:
+        checks.counts(self, "seed", "side_changes", "replans", "waits", low=0)  # such as SQLite can hold
         for f in fields(self):
             if f.type == "float":
                 object.__setattr__(self, f.name, float(getattr(self, f.name)) + 0.0)  # SQLite knows no -0.0
@@ -219,10 +227,10 @@ class Results:
 
     @contextmanager
     def _refusals(self) -> Iterator[None]:
-        """Turn errors of SQLite, and of names that are no text in UTF-8, into `BadResults`."""
+        """Turn errors of SQLite, and of keys that it cannot hold, into `BadResults`."""
         try:
             yield
-        except (sqlite3.Error, UnicodeEncodeError) as error:
+        except (sqlite3.Error, UnicodeEncodeError, OverflowError) as error:
             raise self._bad(f"a results file that can be used; SQLite says: {error}") from None
 
     def _bad(self, allowed: str) -> BadResults:
