@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import re
+import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 
 from antway import BadInput, BadScenario, Grid, Outcome, RobotSpec, Task, TimedPath, TooLarge, load_scenario, run
+from antway.world import tracefile
 from antway.world.policy import Decision
 from antway.world.timeline import COLUMNS, Timeline
 from antway.world.trace import Trace
@@ -319,6 +322,32 @@ def test_timelines_refuse_what_does_not_fit() -> None:
     ):
         with pytest.raises(BadScenario, match="timeline"):
             wrong()
+
+
+@pytest.mark.parametrize(
+    ("limit", "most", "words"),
+    [
+        ("MAX_BYTES", lambda text: len(text), "bytes"),
+        ("MAX_LISTS", lambda text: text.count("[") + text.count("{"), "lists and tables"),
+        ("MAX_UNPACKED", lambda text: 30 + 14 + 4 * (12 + 14), "bytes unpacked"),  # map, sensed, pheromone and predicted
+    ],
+)
+def test_a_trace_that_cannot_be_read_again_is_written_with_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: Callable[[str], int], words: str
+) -> None:
+    """Nothing said that what was written of 200,000 steps is refused; below the limit it is read, and nothing is said."""
+    file, trace = tmp_path / "trace.json", sample()
+    trace.save(file)
+    allowed = most(file.read_text())
+    monkeypatch.setattr(tracefile, limit, allowed)
+    with warnings.catch_warnings(action="error"):
+        trace.save(file)
+    assert Trace.load(file).digest() == trace.digest()
+    monkeypatch.setattr(tracefile, limit, allowed - 1)
+    with pytest.warns(UserWarning, match=f"more than {allowed - 1} {words}, {allowed}"):
+        trace.save(file)
+    with pytest.raises(TooLarge):
+        Trace.load(file)
 
 
 def test_a_trace_shows_itself_in_one_line() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -20,7 +21,7 @@ from antway.errors import BadScenario
 from antway.world.policy import Decision, Task
 from antway.world.stops import Rounds
 from antway.world.timeline import Timeline
-from antway.world.tracefile import read_fields, to_json
+from antway.world.tracefile import beyond_limits, read_fields, to_json
 from antway.writing import writing
 
 
@@ -152,9 +153,19 @@ class Trace:
         return hashlib.sha256(to_json(self).encode()).hexdigest()
 
     def save(self, path: str | Path, *, timing: bool = False) -> None:
-        """Write the trace as JSON with exact numbers; `cycle_ms`, which differs between equal runs, only with `timing`."""
+        """Write the trace as JSON with exact numbers; `cycle_ms`, which differs between equal runs, only with `timing`.
+
+        Warns
+        -----
+        UserWarning
+            If it is beyond a limit of `load` (docs/limits.md), as those of hundreds of thousands of steps are.
+        """
+        text = to_json(self, timing=timing) + "\n"
         with writing("path", path) as file:
-            file.write_text(to_json(self, timing=timing) + "\n", encoding="utf-8")
+            file.write_text(text, encoding="utf-8")
+        excess = beyond_limits(self, text)
+        if excess:
+            warnings.warn(f"{path}: Trace.load refuses a trace of {excess}", stacklevel=2)
 
     @staticmethod
     def load(path: str | Path) -> Trace:

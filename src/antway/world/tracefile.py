@@ -83,6 +83,21 @@ def to_json(trace: Trace, *, timing: bool = False) -> str:
     return json.dumps(_finite(record), allow_nan=False, separators=(",", ":"))
 
 
+def beyond_limits(trace: Trace, text: str) -> str:
+    """Return in words which limit on reading a trace is exceeded, given its JSON text; empty if none."""
+    grid, decisions = trace.task.grid, [decision for _, decision in trace.decisions]
+    packed = [grid.blocked, grid.unknown, trace.sensed, *(one.predicted for one in decisions)]
+    packed += [one.pheromone[2] for one in decisions if one.pheromone is not None]
+    for what, size, most in (
+        ("bytes", len(text), MAX_BYTES),
+        ("lists and tables", text.count("[") + text.count("{"), MAX_LISTS),
+        ("bytes unpacked", sum(array.nbytes for array in packed if array is not None), MAX_UNPACKED),
+    ):
+        if size > most:
+            return f"more than {most} {what}, {size}"
+    return ""
+
+
 def _dynamics(robot: RobotSpec) -> dict[str, Any]:
     default = RobotSpec()
     return {name: getattr(robot, name) for name in _DYNAMICS if getattr(robot, name) != getattr(default, name)}
