@@ -329,6 +329,21 @@ def test_observations_that_make_no_sense_raise(what: str) -> None:
         guard.limit(o, Command((1.0, 0.0)))
 
 
+@pytest.mark.parametrize("a_max", [math.inf, 1.0])
+def test_what_is_no_task_observation_or_command_is_refused(a_max: float) -> None:
+    """Each was an AttributeError; the guard then goes on as before."""
+    guard, task = Guard(), Task(Grid(HALL, SIZE), RobotSpec(a_max=a_max), (1.0, 1.0), (9.0, 9.0))
+    guard.reset(task)
+    seen = Observation(0.0, (5.0, 5.0), (0.0, 0.0), 0.0, Tracks.none())
+    with pytest.raises(BadParameter, match="task"):
+        guard.reset(3)  # type: ignore[arg-type]
+    with pytest.raises(BadParameter, match="observation"):
+        guard.limit(3, None)  # type: ignore[arg-type]
+    with pytest.raises(BadParameter, match="command"):
+        guard.limit(seen, (1.0, 0.0))  # type: ignore[arg-type]
+    assert guard.limit(seen, Command((1.0, 0.0))) == Command((1.0, 0.0))
+
+
 def test_a_guarded_policy_says_what_the_guard_did() -> None:
     """`Guarded` passes commands through the guard and adds its state to the decision."""
 

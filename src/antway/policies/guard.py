@@ -53,7 +53,7 @@ def check_observation(o: Observation) -> Observation:
     TooLarge
         For more tracks than the limit.
     """
-    check_shapes(o)
+    check_shapes(checks.instance("observation", o, Observation))
     t, n = o.tracks, len(o.tracks)
     if n > MAX_TRACKS:
         raise TooLarge("tracks", n, f"at most {MAX_TRACKS}")
@@ -158,6 +158,7 @@ class Guard:
 
     def reset(self, task: Task) -> None:
         """Prepare for `task`."""
+        checks.instance("task", task, Task)
         self.bounds = np.array([task.obstacle_speed, task.obstacle_surge, math.inf, 0.0, 0.0])
         self.table, self.count = np.zeros((_TRACKS, kernel.TABLE_COLUMNS)), 0
         self.tracks, self.spread = np.empty((_TRACKS, COLUMNS)), np.zeros(_TRACKS)
@@ -191,7 +192,7 @@ class Guard:
         Raises
         ------
         BadParameter
-            For an observation that is not finite.
+            For an observation that is not finite, and for what is neither a command nor None.
         """
         return self.passed(check_observation(observation), command)
 
@@ -202,6 +203,8 @@ class Guard:
         """
         o, robot = observation, self.task.robot
         stamp = o.sensed_at
+        if command is not None:
+            checks.instance("command", command, Command)
         self.why = ""
         if stamp < self.last_stamp:
             self.why = f"the guard brakes until {self.last_stamp:.1f} s, because the clock went back"
