@@ -56,6 +56,8 @@ def test_a_seed_that_the_file_cannot_hold_is_refused(file, seed):
     with pytest.raises(BadParameter, match="seed"):
         replace(row(1), seed=seed)
     with Results(file) as results:
+        with pytest.raises(BadParameter, match="row"):
+            results.add(row(1).key)
         results.add(replace(row(1), seed=np.int32(7), waits=np.uint8(3)))
         found = next(one for one in results.rows() if one.seed == 7)
         assert found.waits == 3 and type(found.seed) is type(found.waits) is int
@@ -137,6 +139,17 @@ def test_damage_is_found_or_does_no_harm(file, tmp_path):
         except BadResults:
             continue
         assert found in (right, []) and (found or not spoilt), f"case {k}: byte {at}"
+
+
+def test_a_row_that_was_changed_is_refused_before_others_are_added(file):
+    """SQLite finds no fault in such a file."""
+    with sqlite3.connect(file) as db:
+        db.execute("UPDATE episodes SET time = 1.0 WHERE episode = 'open/low/0007'")
+    db.close()
+    with pytest.raises(BadResults, match="open/low/0007.* is not as it was written"):
+        Results(file)
+    with Results(file, write=False) as results, pytest.raises(BadResults, match="is not as it was written"):
+        results.rows()
 
 
 def test_a_full_disk_is_an_error_and_loses_nothing(file):

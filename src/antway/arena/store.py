@@ -178,7 +178,7 @@ class Results:
         BadResults
             If it cannot be written, for example because the disk is full. Earlier rows remain.
         """
-        values = astuple(row)
+        values = astuple(checks.instance("row", row, Row))
         packed = zlib.compress(trace.encode(), 6) if trace else None
         marks = ", ".join("?" * (len(COLUMNS) + 2))
         with self._refusals():
