@@ -169,6 +169,8 @@ def test_wrong_suites_are_refused():
             load_suite(spec)
     with pytest.raises(BadParameter, match="episodes"):
         episodes("synthetic", 0)
+    with pytest.raises(BadParameter, match="group = 'thick': must be one of sparse, dense"):  # it was a KeyError
+        build(SuiteEpisode("barn", "barn", "thick", 0))
 
 
 def test_maps(tmp_path):

@@ -190,6 +190,7 @@ def build(episode: SuiteEpisode) -> Scenario:
         If there is none among a hundred, or the file of the suite or robot is another than when the episode got its name.
     """
     suite = _suite(episode.spec, episode.own_suite)
+    checks.choice("group", episode.group, suite.groups)
     now = _named(suite, episode.robot)
     if episode.own_suite and now != episode.suite:  # whoever makes an episode by hand may leave the robot out of its name
         raise BadParameter("suite", now, f"{episode.suite}, for which this episode was made; a file has changed since")
