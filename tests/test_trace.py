@@ -102,6 +102,25 @@ def test_a_file_gives_back_every_bit(tmp_path: Path) -> None:
     assert not Trace.load(tmp_path / "untimed.json").cycle_ms.any() and trace.cycle_ms.any()
 
 
+def test_what_is_empty_and_a_seed_of_0_come_back(tmp_path: Path) -> None:
+    """A motion without knots, a history without cycles and a map of pheromone without cells are read as they were written."""
+    empty = Decision(
+        "stuck",
+        "no path",
+        path=TimedPath(np.empty(0), np.empty((0, 2))),
+        pheromone=(0, 0, np.empty((0, 3), np.float32)),
+        history=np.empty((0, 4)),
+        predicted=np.empty((0, 7), np.float32),
+    )
+    trace = replace(sample(), seed=0, decisions=((0, empty),))
+    trace.save(tmp_path / "trace.json")
+    back = Trace.load(tmp_path / "trace.json")
+    ((_, found),) = back.decisions
+    assert back.digest() == trace.digest() and back.seed == 0
+    assert found.path is not None and found.path.xy.shape == (0, 2)
+    assert found.history is not None and found.history.shape == (0, 4)
+
+
 @pytest.mark.parametrize("path", [None, 5, b"trace.json"])
 def test_what_is_no_path_is_refused(path: object) -> None:
     with pytest.raises(BadScenario, match="a path"):
