@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import gymnasium
@@ -81,6 +82,18 @@ def test_wrong_options_are_refused() -> None:
         gymnasium.make(ID, group="closed")
     with pytest.raises(BadParameter, match="tracks"):
         gymnasium.make(ID, tracks=0)
+
+
+def test_an_action_is_two_numbers() -> None:
+    """Three were taken for two, and one was an IndexError; NaN brakes."""
+    env = CrossingEnv(scenario="office")
+    env.reset(seed=1)
+    for wrong in (np.zeros(3), [1.0], "ab", None, 0.5):
+        with pytest.raises(BadParameter, match="action"):
+            env.step(wrong)  # type: ignore[arg-type]
+    for action in ((1.0, 0.0), (math.nan, 0.0)):
+        env.step(np.array(action, np.float32))
+    assert env.stage is not None and env.stage.velocity[1:3].tolist() == [[1.0, 0.0], [0.0, 0.0]]
 
 
 def test_own_scenarios_wheels_and_pictures() -> None:

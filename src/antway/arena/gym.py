@@ -114,14 +114,15 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
         return self._observe(self.stage), {"group": group, "seed": number}
 
     def step(self, action: NDArray[np.float32]) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Drive for one control period."""
+        """Drive for one control period; the robot brakes if a number of the action is NaN."""
+        one, two = checks.array("action", action, (2,), finite=False).tolist()
         if self.stage is None:
             raise gymnasium.error.ResetNeeded("reset the environment before the first step and after the last")
         stage = self.stage
         robot = stage.task.robot
         stage.clearance = math.inf  # only the clearance of this step counts
         second = robot.turn_rate if robot.wheels and not stage.stepwise else robot.v_max
-        outcome, _ = stage.drive(float(action[0]) * robot.v_max, float(action[1]) * second)
+        outcome, _ = stage.drive(one * robot.v_max, two * second)
         self._display()
         observation, info = self._observe(stage), {"time": float(stage.t[stage.n])}
         if outcome is None:
