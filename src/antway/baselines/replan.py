@@ -371,17 +371,20 @@ def arrival_time(path: TimedPath, task: Task) -> float:
     From its end the motion leads straight to the goal, which is not tested for contacts.
     """
     t, xy, goal, tolerance = path.t, path.xy, task.goal, task.goal_tolerance
-    if len(t):
-        t, xy = np.append(t, t[-1] + math.dist(xy[-1], goal) / task.robot.v_max), np.vstack((xy, goal))
-    for i in range(len(t)):
-        if math.dist(xy[i], goal) <= tolerance:
-            if i == 0:
-                return float(t[0])
-            step, away = xy[i] - xy[i - 1], xy[i - 1] - goal
-            a, b, c = float(step @ step), float(step @ away), float(away @ away) - tolerance**2
-            fraction = (-b - math.sqrt(max(b * b - a * c, 0.0))) / a
+    if not len(t):
+        return math.inf
+    if math.dist(xy[0], goal) <= tolerance:
+        return float(t[0])
+    t, xy = np.append(t, t[-1] + math.dist(xy[-1], goal) / task.robot.v_max), np.vstack((xy, goal))
+    for i in range(1, len(t)):
+        step, away = xy[i] - xy[i - 1], xy[i - 1] - goal
+        a, b, c = float(step @ step), float(step @ away), float(away @ away) - tolerance**2
+        square = b * b - a * c
+        passes_by = b < 0.0 <= square and -b - math.sqrt(square) <= a
+        if passes_by or math.dist(xy[i], goal) <= tolerance:
+            fraction = (-b - math.sqrt(max(square, 0.0))) / a
             return float(t[i - 1] + fraction * (t[i] - t[i - 1]))
-    return math.inf
+    raise AssertionError("the motion ends at the goal")
 
 
 def drive(task: Task, o: Observation, path: TimedPath) -> Command:
