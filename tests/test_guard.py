@@ -421,6 +421,40 @@ def test_too_few_pending_commands_are_refused(rows: int) -> None:
             assert guard.dynamic.state_at_action(seen).x == pytest.approx(5.3)
 
 
+@pytest.mark.parametrize("a_max", [math.inf, 1.0])
+def test_many_tracks_far_away_change_nothing(a_max: float) -> None:
+    """There is memory for 128 tracks at first."""
+    xy = np.random.default_rng(0).random((300, 2)) + 500.0
+    for n in (1, 100, 300):
+        xy[n - 1] = 5.7, 5.0
+        guard = Guard()
+        guard.reset(
+            Task(Grid(HALL, SIZE), RobotSpec(a_max=a_max), (5.0, 5.0), (9.0, 9.0), obstacle_speed=0.5, obstacle_swerve=2.0)
+        )
+        passed = []
+        for k in range(3):
+            tracks = Tracks(np.arange(n), xy[:n], np.tile((-0.4, 0.0), (n, 1)), np.full(n, 0.3))
+            passed.append(guard.limit(Observation(0.1 * k, (5.0, 5.0), (0.0, 0.0), 0.0, tracks), Command((1.0, 0.0))))
+        if n == 1:
+            alone = passed
+        assert passed == alone
+        xy[n - 1] = 500.0, 500.0
+    assert Command((1.0, 0.0)) not in alone
+
+
+@pytest.mark.parametrize("latency", [0.1, 0.3, 0.5])
+def test_another_latency_forgets_no_command_that_does_not_act_yet(latency: float) -> None:
+    """The last ones are kept, as many as do not act yet; before them the robot was told to stand."""
+    task = Task(Grid(HALL, SIZE), RobotSpec(a_max=1.0, latency=0.3), (5.0, 5.0), (9.0, 9.0))
+    guard = Guard()
+    guard.reset(task)
+    for k in range(5):
+        guard.limit(Observation(0.1 * k, (5.0, 5.0), (0.0, 0.0), 0.0, Tracks.none()), Command((0.01 * k, 0.0)))
+    guard.set_robot(replace(task, robot=replace(task.robot, latency=latency)))
+    assert guard.dynamic is not None
+    assert guard.dynamic.sent[:, 0].tolist() == pytest.approx([0.0, 0.0, 0.02, 0.03, 0.04][-round(latency / 0.1) :])
+
+
 @pytest.mark.parametrize("wrong", [{"timeout": 0.0}, {"timeout": math.nan}, {"hold": -1.0}, {"lookahead": math.inf}])
 def test_wrong_settings_raise(wrong: dict[str, float]) -> None:
     """Settings out of range raise `BadParameter`."""
