@@ -155,7 +155,7 @@ def test_what_makes_no_policy_is_refused(wrong):
 
 
 def test_what_cannot_be_made_is_told_as_a_fault():
-    """Whatever it raised, such as a TypeError for an argument that is missing, ended the check; so did what is made only once."""
+    """Whatever it raised, such as a TypeError for a missing argument, ended the check; so did what is made only once."""
     made = []
 
     def once():

@@ -146,7 +146,7 @@ def test_a_row_that_was_changed_is_refused_before_others_are_added(file):
     with sqlite3.connect(file) as db:
         db.execute("UPDATE episodes SET time = 1.0 WHERE episode = 'open/low/0007'")
     db.close()
-    with pytest.raises(BadResults, match="open/low/0007.* is not as it was written"):
+    with pytest.raises(BadResults, match=r"open/low/0007.* is not as it was written"):
         Results(file)
     with Results(file, write=False) as results, pytest.raises(BadResults, match="is not as it was written"):
         results.rows()

@@ -58,7 +58,9 @@ def sample(seed: int = 0) -> Trace:
 
 def test_a_trace_has_arrays_of_its_own() -> None:
     """The arrays that were given became read-only; and what is written to them later does not change the trace."""
-    given = {name: np.array(getattr(sample(), name)) for name in ("t", "xy", "velocity", "heading", "command", "sensed", "cycle_ms")}
+    given = {
+        name: np.array(getattr(sample(), name)) for name in ("t", "xy", "velocity", "heading", "command", "sensed", "cycle_ms")
+    }
     trace = replace(sample(), **given, turn_rate=np.zeros(7))
     for name, array in given.items():
         array[:] = 0

@@ -70,7 +70,10 @@ def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
         faults.append("commands: not all of them are finite, and the robot brakes then")
     if len(first.cycle_ms) > 1 and first.cycle_ms[1:].max() > 1e3 * seconds:
         faults.append(f"time limit: a cycle took {first.cycle_ms[1:].max():.0f} ms, more than {1e3 * seconds:g} ms")
-    runs = {"reset: a second episode differs from the first": policy, "seeding: another instance gives other commands": _made(make)}
+    runs = {
+        "reset: a second episode differs from the first": policy,
+        "seeding: another instance gives other commands": _made(make),
+    }
     for fault, player in runs.items():
         again = run(scenario, player, seed=1)
         assert first.trace is not None and again.trace is not None
