@@ -17,6 +17,7 @@ import pytest
 import antway
 from antway import BadParameter, BadScenario, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, World, check_episode, run
 from antway.kernels.base.rng import stream
+from antway.world.episode import Episode
 from antway.world.motions import BackAndForth, Bounce, Line, RandomWalk, Replay, Waypoints
 from antway.world.policy import Command, Decision, make_policy
 from antway.world.sensor import Sensor
@@ -51,6 +52,18 @@ def east(observation):
     return (1.0, 0.0)
 
 
+def test_an_episode_has_a_result_once_it_has_ended_and_then_goes_no_further() -> None:
+    """It drove on, up to an IndexError; and asked for its result before, it was an AssertionError."""
+    episode = Episode(crossing(), Steer(east), horizon=0.2)
+    for _ in range(2):
+        with pytest.raises(BadParameter, match="one that has ended"):
+            episode.result()
+        episode.step()
+    assert episode.result().outcome is Outcome.TIMEOUT
+    with pytest.raises(BadParameter, match="'timeout': must be one that has not ended"):
+        episode.step()
+
+
 def random_scenario(seed: int) -> Scenario:
     rng = np.random.default_rng(seed)
     places = [tuple(p) for p in rng.uniform((2.5, 0.5), (14.5, 9.5), (6, 2))]
@@ -76,6 +89,8 @@ def test_outcomes_and_their_instants_are_exact() -> None:
     assert stood.outcome is Outcome.HIT_STANDING and stood.time == pytest.approx(10.3, abs=1e-9) and stood.waits == 1
     wall = run(crossing(), Steer(lambda o: (0.0, 1.0)))
     assert wall.outcome is Outcome.HIT_WALL and wall.time == pytest.approx(4.7, abs=1e-8)
+    soon = run(crossing(), Steer(east), horizon=0.04)
+    assert (soon.outcome, soon.time, len(soon.cycle_ms)) == (Outcome.TIMEOUT, 0.1, 1)
     late = run(crossing(), Steer(lambda o: (0.0, 0.0)), horizon=3.0)
     assert late.outcome is Outcome.TIMEOUT and late.time == pytest.approx(3.0)
     amid = run(crossing(goal=(1.48, 5.0)), Steer(east), horizon=0.25)  # the cycle from 0.2 s on is driven to its end

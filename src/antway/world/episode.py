@@ -215,7 +215,15 @@ class Episode:
         return self.stage.n
 
     def step(self) -> None:
-        """Play one control cycle: sense, decide, drive."""
+        """Play one control cycle: sense, decide, drive.
+
+        Raises
+        ------
+        BadParameter
+            If the episode has ended.
+        """
+        if self.outcome is not None:
+            raise BadParameter("episode", self.outcome.value, "one that has not ended, for another step")
         stage, observation = self.stage, self.stage.observe()
         controls = math.nan, math.nan  # the robot brakes
         if not self._fault:
@@ -261,9 +269,16 @@ class Episode:
         return decision.path
 
     def result(self) -> EpisodeResult:
-        """Return the result of an episode that has ended."""
+        """Return the result of an episode that has ended.
+
+        Raises
+        ------
+        BadParameter
+            If it continues.
+        """
         stage, outcome, n = self.stage, self.outcome, self.stage.n
-        assert outcome is not None, "the episode continues"
+        if outcome is None:
+            raise BadParameter("episode", f"at {stage.t[n]:g} s", "one that has ended, to have a result")
         config = {"version": __version__, "horizon": stage.horizon, "sensor": asdict(self.scenario.sensor)}
         rounds = None if self.tour is None else self.tour.rounds
         trace = None
