@@ -362,6 +362,33 @@ def test_a_guarded_policy_says_what_the_guard_did() -> None:
     assert policy.explain().guard in ("slowed", "braked")
 
 
+def test_a_guarded_policy_explains_its_last_decision() -> None:
+    """The decision is another object only if the policy's, or what the guard did, is another."""
+    decisions = {reason: Decision("follow", reason) for reason in ("one", "two")}
+
+    class Told:
+        reason = "one"
+
+        def reset(self, task, seed): ...
+        def act(self, observation):
+            return Command((0.7, 0.7))
+
+        def explain(self):
+            return decisions[self.reason]
+
+    inner = Told()
+    policy, free = Guarded(inner), Observation(0.0, (5.0, 5.0), (0.0, 0.0), 0.0, Tracks.none())
+    policy.reset(Task(Grid(HALL, SIZE), RobotSpec(), (1.0, 1.0), (9.0, 9.0)), 0)
+    near = replace(free, tracks=Tracks([0], [(5.5, 5.5)], [(0.0, 0.0)], [0.3]))
+    told = []
+    for reason, seen in (("one", free), ("one", free), ("two", free), ("two", near), ("two", near)):
+        policy.act(seen)
+        inner.reason = reason
+        told.append(policy.explain())
+    assert [(one.reason, one.guard) for one in told] == [("one", "free")] * 2 + [("two", "free")] + [("two", told[3].guard)] * 2
+    assert told[3].guard != "free" and len({id(one) for one in told}) == 3
+
+
 def test_a_guarded_oracle_knows_the_future():
     """What a policy is told besides its task reaches it through the guard."""
     result = run(load_scenario("paper"), Guarded(make_policy("oracle")), seed=1)
