@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from antway import Grid, Observation, RobotSpec, Scenario, Task, TimedPath, Tracks, World, make_policy
+from antway import Grid, Observation, Problem, RobotSpec, Scenario, Status, Task, TimedPath, Tracks, World, make_policy, solve
 from antway.baselines.replan import SHORT, Follow, arrival_time, short_of_walls
 from antway.policies.paper.routes import StaticRoutes
 from antway.world.line_of_sight import clear
@@ -84,6 +85,96 @@ def test_a_push_is_driven_as_the_simulator_drives_it(drive: str) -> None:
             stage.drive(*(velocity if 0.1 * k < push else (0.0, 0.0)))
         assert np.allclose(path.xy, stage.xy[: stage.n + 1], atol=1e-12) and np.allclose(path.t, stage.t[: stage.n + 1])
         assert stage.at_rest and len(path.t) > push / 0.1
+
+
+def walled(rng: np.random.Generator, a_max: float, **more: object) -> Task:
+    return Task(pillars(rng), RobotSpec(radius=0.15, a_max=a_max, **more), (-2.1, 6.1), (8.1, 6.1))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("a_max", [math.inf, 1.0])
+def test_paths_to_the_goal_are_the_shortest_and_are_driven_without_a_contact(a_max: float) -> None:
+    """No longer than those of Dijkstra's algorithm between their cells, with legs that touch nothing."""
+    rng, found = np.random.default_rng(4), 0
+    for _ in range(cases(8, 200)):
+        task = walled(rng, a_max, **STEPS)
+        routes = StaticRoutes(task)
+        nodes = routes.to_goal(task.start)
+        here, goal = routes.cell(task.start), routes.cell(task.goal)
+        assert here is not None and goal is not None
+        exact = solve(Problem(routes.inflated, here, goal), "dijkstra")
+        if exact.status is not Status.FOUND:
+            assert not len(nodes)
+            continue
+        found += 1
+        ends = [math.dist(end, routes.inflated.centre(cell)) for end, cell in ((task.start, here), (task.goal, goal))]
+        assert routes.length(task.start, nodes) <= exact.length + sum(ends) + 1e-9
+        points = [task.start, *map(tuple, nodes.tolist())]
+        assert points[-1] == task.goal and all(clear(task, a, b) for a, b in pairwise(points))
+        if routes.stops:  # straight on along the path as far as the robot sees
+            at_once = StaticRoutes(Task(task.grid, RobotSpec(radius=0.15), task.start, task.goal))
+            every = [tuple(xy) for xy in at_once.to_goal(task.start).tolist()]
+            assert all(not clear(task, a, every[every.index(b) + 1]) for a, b in pairwise(points[:-1]))
+        stage, outcome = Stage(Scenario(World(task.grid), task.start, task.goal, task.robot), 0, 60.0), None
+        while outcome is None:
+            seen = stage.observe()
+            command, nodes = routes.passed(seen, nodes)
+            outcome, _ = stage.drive(*stage.controls(command, seen))
+        assert outcome.value == "reached"
+    assert found > 2
+
+
+def test_a_path_is_joined_where_that_is_shortest() -> None:
+    """Over all its nodes, each reached by Dijkstra's algorithm alone, or less than the edge of a cell longer."""
+    rng, far = np.random.default_rng(5), 0
+    for k in range(cases(8, 200)):
+        task = walled(rng, math.inf)
+        routes = StaticRoutes(task)
+        path = routes.to_goal(task.start)
+        if not len(path):
+            continue
+        free = np.argwhere(~routes.inflated.blocked)
+        off = routes.inflated.centre(tuple(free[int(rng.integers(len(free)))].tolist()))
+        here = routes.cell(off)
+        assert here is not None
+        totals = []
+        for i, cell in enumerate(routes.cells(path).tolist()):
+            leg = solve(Problem(routes.inflated, here, tuple(cell)), "dijkstra")
+            rest = routes.length(tuple(path[i].tolist()), path[i:])
+            totals.append((leg.length + rest, leg.length) if leg.status is Status.FOUND else (math.inf, math.inf))
+        within = (1.5, math.inf)[k % 2]
+        found = routes.rejoining(off, path, within)
+        least = min((total for total, leg in totals if leg <= within), default=min(totals)[0])
+        if math.isinf(least):
+            assert not len(found)
+            continue
+        points = [off, *map(tuple, found.tolist())]
+        assert points[-1] == task.goal and all(clear(task, a, b) for a, b in pairwise(points))
+        far += 1
+        assert routes.length(off, found) <= least + 0.2 + 1e-6
+    assert far > 2
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0, -3.0])
+def test_wheels_turn_the_short_way_before_they_drive(heading: float) -> None:
+    """A path takes as long as the turns at its start and its corner, two periods to stand there, and its ramps."""
+    robot = RobotSpec(drive="differential", a_max=1.0, turn_rate=0.8)
+    routes = StaticRoutes(Task(OPEN, robot, (5.1, 4.1), (10.9, 4.1)))
+    first, second = (-0.6, 0.8), (-1.0, 0.0)
+    nodes = np.array([[5.1 - 1.8, 4.1 + 2.4], [5.1 - 3.8, 4.1 + 2.4]])
+    seen = Observation(0.0, (5.1, 4.1), (0.0, 0.0), heading, Tracks.none())
+    angles = [heading, *(math.atan2(y, x) for x, y in (first, second))]
+    turns = sum(abs(math.remainder(b - a, 2.0 * math.pi)) for a, b in pairwise(angles))
+    assert routes.timed(seen, nodes).t[-1] == pytest.approx(turns / 0.8 + 0.2 + (3.0 + 1.0) + (2.0 + 1.0))
+
+
+@pytest.mark.parametrize("along", [True, False])
+def test_a_robot_that_drives_along_its_first_leg_goes_on(along: bool) -> None:
+    """One that drives elsewhere stops first; the path then is that of a robot at rest, which begins later."""
+    routes = StaticRoutes(Task(OPEN, RobotSpec(a_max=1.0, brake_max=0.5), (5.1, 4.1), (10.9, 4.1)))
+    nodes, velocity = np.array([[5.1 - 2.4, 4.1 + 1.8]]), (-0.64, 0.48) if along else (0.64, 0.48)
+    took = routes.timed(seen_at((5.1, 4.1), velocity), nodes).t[-1]
+    rest = 3.0 + 0.5 + 1.0  # for 3 m at 1 m/s, with both ramps
+    assert took == pytest.approx(rest - (0.8 - 0.5 * 0.8**2) if along else rest + 0.8 / 0.5)
 
 
 def test_a_robot_is_astray_once_it_can_turn_and_sees_no_way_on() -> None:

@@ -112,7 +112,7 @@ class StaticRoutes:
         return nodes
 
     def pulled(self, xy: XY, nodes: Nodes) -> Nodes:
-        """Return `nodes` without those that are not needed on the path from `xy`: only the corners of a taut string."""
+        """Return `nodes` without those that are not needed: each leg, from `xy` on, leads as far along them as is clear."""
         points, kept, here = [xy, *map(tuple, nodes.tolist())], [], 0
         while here < len(nodes):
             there = here + 1
