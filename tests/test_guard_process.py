@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from antway import BadInput, BadParameter, Command, Grid, Observation, Outcome, RobotSpec, Task, Tracks
+from antway import BadInput, BadParameter, Command, Grid, Observation, Outcome, RobotSpec, Task, Tracks, make_policy
 from antway.policies import guard_process
 from antway.policies.guard import Guard
 from antway.policies.guard_memory import MAX_TRACKS, SIDES, SIZE, Link
-from antway.policies.guard_process import GuardProcess
+from antway.policies.guard_process import GuardProcess, plan_for
 from common import cases
 from guard_drives import PERIOD, drives
 
@@ -292,6 +292,17 @@ def test_what_is_no_task_is_refused_and_the_guard_goes_on(process: GuardProcess)
             wrong(3)  # type: ignore[operator]
     process.reset(TASK)
     assert process.alive
+
+
+@pytest.mark.parametrize("folder", ["none", ".", "", "\0", 3, None])
+def test_a_planner_without_its_guard_is_told_so(folder: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as one that starts after the guard has ended: it was a FileNotFoundError."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "memory").write_bytes(b"other")
+    with pytest.raises(BadParameter, match="which runs"):
+        plan_for(folder, make_policy("follow"))  # type: ignore[arg-type]
+    with pytest.raises(BadParameter, match="a policy with the methods"):
+        plan_for("none", 3)  # type: ignore[arg-type]
 
 
 def _link(folder: Path) -> Link:

@@ -42,7 +42,7 @@ from antway.errors import BadInput, BadParameter
 from antway.policies.guard import Guard, longest_stop
 from antway.policies.guard_memory import SIDES, SIZE, GuardAnswer, Link
 from antway.processes import spare_collections
-from antway.world.policy import Command, Observation, Policy, Task, Tracks
+from antway.world.policy import Command, Observation, Policy, Task, Tracks, as_policy
 
 SILENT = "silent"
 ALIVE = "running; start another one (the ROS 2 node does at its next configure)"
@@ -210,9 +210,20 @@ def standing(task: Task) -> Command:
 
 
 def plan_for(folder: str, policy: Policy) -> None:
-    """Let `policy`, which has been reset, answer observations as long as the guard's folder exists."""
+    """Let `policy`, which has been reset, answer observations as long as the guard's folder exists.
+
+    Raises
+    ------
+    BadParameter
+        For what is no policy, and a folder that is not there or no guard's.
+    """
+    as_policy(policy)
+    try:
+        memory = Link(folder, "planner")
+    except (OSError, TypeError, ValueError):
+        raise BadParameter("folder", folder, "that of a `GuardProcess` which runs") from None
     number = 0
-    with contextlib.closing(Link(folder, "planner")) as link:
+    with contextlib.closing(memory) as link:
         while os.path.exists(folder):
             found = link.observed(number)
             if found is None:
