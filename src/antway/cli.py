@@ -311,8 +311,8 @@ def bench_command(
         raise BadParameter("export", tables, "csv and json, or install pyarrow (the extra `arena`)")
     cores = os.cpu_count() or 1 if workers is None else workers
     engines.check_engine(engine, cores, timeout)
-    if robot is not None:
-        load_robot(robot)  # an empty name is none, although it stands for the suite's own robot in `episodes`
+    if robot == "":
+        load_robot(robot)  # which refuses it, although it stands for the suite's own robot in `episodes`
     with working("preparing"), redirect_stdout(sys.stderr):
         jobs = engines.table_jobs(episodes_of(suite, episodes, robot or ""), names)
     with writing("out", out):
