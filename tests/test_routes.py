@@ -154,6 +154,20 @@ def test_a_path_is_joined_where_that_is_shortest() -> None:
     assert far > 2
 
 
+def test_no_path_leads_from_outside_the_map_or_from_within_walls() -> None:
+    """Nor to a goal that is no place for the robot any more; and none leads on along no nodes."""
+    walls, none, path = np.zeros((40, 60), np.bool_), np.empty((0, 2)), np.array([[5.1, 6.1], [10.9, 6.1]])
+    walls[:20] = True
+    routes = StaticRoutes(Task(Grid(walls, 0.2), RobotSpec(), (5.1, 6.1), (10.9, 6.1)))
+    for place in ((1000.0, 1000.0), (5.0, 1.0)):
+        assert routes.cell(place) is None
+        assert routes.to_goal(place).shape == routes.rejoining(place, path, 1.0).shape == (0, 2)
+    assert routes.rejoining((5.1, 6.1), none, 1.0).shape == (0, 2)
+    assert routes.timed(seen_at((5.1, 6.1), t=3.0), none).t.tolist() == [3.0]
+    routes.home = None
+    assert routes.to_goal((5.1, 6.1)).shape == (0, 2)
+
+
 @pytest.mark.parametrize("heading", [0.0, 2.0, -3.0])
 def test_wheels_turn_the_short_way_before_they_drive(heading: float) -> None:
     """A path takes as long as the turns at its start and its corner, two periods to stand there, and its ramps."""
