@@ -154,6 +154,19 @@ def test_a_path_is_joined_where_that_is_shortest() -> None:
     assert far > 2
 
 
+def test_nodes_that_the_robot_has_come_by_are_left_out() -> None:
+    """One or several of a straight line in one period, in any direction; the last one stays; off the line none is left out."""
+    rng = np.random.default_rng(6)
+    for _ in range(50):
+        start, turn = rng.random(2) * 10.0, rng.random() * 7.0
+        along, aside = np.array([math.cos(turn), math.sin(turn)]), np.array([-math.sin(turn), math.cos(turn)])
+        nodes = start + np.outer([0.0, 0.7, 1.1, 2.0], along)
+        for way, left in ((-0.1, 0), (0.0, 1), (0.3, 1), (0.7, 2), (0.9, 2), (1.5, 3), (2.0, 3), (2.5, 3)):
+            for off in (0.0, 0.05):
+                xy = start + way * along + off * aside
+                assert len(StaticRoutes.ahead((float(xy[0]), float(xy[1])), nodes)) == 4 - (0 if off else left)
+
+
 def test_no_path_leads_from_outside_the_map_or_from_within_walls() -> None:
     """Nor to a goal that is no place for the robot any more; and none leads on along no nodes."""
     walls, none, path = np.zeros((40, 60), np.bool_), np.empty((0, 2)), np.array([[5.1, 6.1], [10.9, 6.1]])
