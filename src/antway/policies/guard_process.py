@@ -42,7 +42,7 @@ from antway.errors import BadInput, BadParameter
 from antway.policies.guard import Guard, longest_stop
 from antway.policies.guard_memory import SIDES, SIZE, GuardAnswer, Link
 from antway.processes import spare_collections
-from antway.world.policy import Command, Observation, Policy, Task, Tracks, as_policy
+from antway.world.policy import Command, Observation, Policy, Task, Tracks
 
 SILENT = "silent"
 ALIVE = "running; start another one (the ROS 2 node does at its next configure)"
@@ -215,9 +215,8 @@ def plan_for(folder: str, policy: Policy) -> None:
     Raises
     ------
     BadParameter
-        For what is no policy, and a folder that is not there or no guard's.
+        For a folder that is not there or no guard's.
     """
-    as_policy(policy)
     try:
         memory = Link(folder, "planner")
     except (OSError, TypeError, ValueError):
