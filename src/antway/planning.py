@@ -271,7 +271,13 @@ class TimedPath:
         return TimedPath, (self.t, self.xy)
 
     def at(self, t: float) -> tuple[float, float]:
-        """Return the place at time `t` s; it is constant before the first and after the last knot."""
+        """Return the place at time `t` s; it is constant before the first and after the last knot.
+
+        Raises
+        ------
+        BadParameter
+            If the path has no knots.
+        """
         if not len(self.t):
             raise BadParameter("path", "no knots", "one that was found, to be at a place")
         return float(np.interp(t, self.t, self.xy[:, 0])), float(np.interp(t, self.t, self.xy[:, 1]))
