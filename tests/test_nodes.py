@@ -226,21 +226,17 @@ def test_a_robot_nearer_to_a_wall_than_its_plans_has_a_plan(robot: str) -> None:
     assert policy.explain().reason == "the path is free"
 
 
-@pytest.mark.parametrize("y", [2.9, 1.0])
-def test_wheels_are_not_planned_through_gaps_before_which_rollouts_stop(y: float) -> None:
-    """One gap leaves 8 mm on each side, the other 48 mm, which is less than wheels would like; one start is near a wall."""
+def test_wheels_are_not_planned_through_a_gap_near_the_start_before_which_rollouts_stop() -> None:
+    """It leaves 8 mm on each side. The start is near a wall, where less room is kept than elsewhere."""
     blocked = np.zeros((160, 200), np.bool_)
     blocked[80:84] = True
-    blocked[80:84, 60:73] = blocked[80:84, 150:165] = False
+    blocked[80:84, 60:73] = blocked[80:84, 150:170] = False
     robot = RobotSpec(radius=0.252, drive="differential", a_max=1.0, alpha_max=3.0)
-    task = Task(Grid(blocked, 0.04), robot, (2.66, y), (2.66, 5.5))
+    task = Task(Grid(blocked, 0.04), robot, (2.1, 2.9), (2.66, 5.5))
     cell = task.grid.cell_at(task.start)
-    wide, near = (
-        make_context(task.grid, robot, task.grid.cell_at(task.goal)),
-        contexts_for(task, Moves.THIRTY_TWO, math.nan)[0][1],
-    )
-    assert wide.field.reshape(blocked.shape)[cell] < 5.0 < 8.0 < near.field.reshape(blocked.shape)[cell] < 12.0
-    if y > 2.0:
-        result = run(Scenario(World(task.grid), task.start, task.goal, robot, horizon=30.0), "antway", seed=0)
-        check_episode(result)
-        assert result.reached
+    all_moves = make_context(task.grid, robot, task.grid.cell_at(task.goal))
+    near = contexts_for(task, Moves.THIRTY_TWO, math.nan)[0][1]
+    assert all_moves.field.reshape(blocked.shape)[cell] < 5.0 < 8.0 < near.field.reshape(blocked.shape)[cell] < 12.0
+    result = run(Scenario(World(task.grid), task.start, task.goal, robot, horizon=30.0), "antway", seed=0)
+    check_episode(result)
+    assert result.reached

@@ -33,7 +33,7 @@ _LEAST_RADIUS = 0.1  # 1; no disc is smaller than this share of the first, becau
 _FAR_CELLS = 20  # number of cells around the start and the goal among which a free one is searched for
 _MOST_CELLS = 1_000_000  # limit of cells of a map after its cells are divided
 _WALL_MARGIN = 0.05  # m; robots with inertia keep this from walls where they can, because ramps within a cycle cut corners
-_LEAST_MARGIN = 0.016  # m; they are stopped before gaps that leave less, as rollouts keep 15 mm from walls
+_LEAST_MARGIN = 0.016  # m; near the start and the goal they keep this, as rollouts keep 15 mm and would stop before a gap
 _FINE = 0.4  # 1; such robots need cells that are no larger than this share of the radius
 _SPARSE = 0.5  # 1; nodes of the plan of a robot that follows it are no farther apart than this share of the radius, or a cell
 _LONGER = 1.02  # 1; paths between fewer nodes may take this times as long
@@ -250,24 +250,19 @@ def away_from_walls(
 ) -> PlanningContext:
     """Return the context of `planning_context` with a margin to walls, if a path from the start to the goal keeps it.
 
-    If there is none, because an end is too near to a wall or a passage is narrow, the margin is small near both ends, or
-    everywhere, or it is left out near both ends, or everywhere.
+    If there is none, because an end is too near to a wall, it is small near both ends, or left out there, or everywhere.
     """
     grid, radius = task.grid, context.radius
     first = goal[0] % stride, goal[1] % stride
     wide = timed_moves(grid, radius + _WALL_MARGIN, moves, stride, first)
-    found = make_context(grid, _disc(task.robot, radius + _WALL_MARGIN), goal, moves, wide, stride)
-    if math.isfinite(_time_from(found, grid, start)):
-        return found
     rows, cols = (np.arange(n) * stride + low for n, low in zip(wide.shape, first, strict=True))
     ends = np.zeros(wide.shape, dtype=bool)
     for row, col in (start, goal):
         ends |= np.hypot(rows[:, None] - row, cols - col) * grid.resolution <= _ENDS
-    less = timed_moves(grid, radius + _LEAST_MARGIN, moves, stride, first)
-    legal = context.legal.reshape(wide.shape)
-    for near, far, kept in ((less, wide, _LEAST_MARGIN), (less, less, _LEAST_MARGIN), (legal, wide, 0.0), (legal, less, 0.0)):
-        mask = np.where(ends, near, far)
-        found = make_context(grid, _disc(task.robot, radius + kept), goal, moves, mask, stride)
+    for margin in (_WALL_MARGIN, _LEAST_MARGIN, 0.0):
+        near = wide if margin == _WALL_MARGIN else timed_moves(grid, radius + margin, moves, stride, first)
+        mask = np.where(ends, near, wide)
+        found = make_context(grid, _disc(task.robot, radius + margin), goal, moves, mask, stride)
         if math.isfinite(_time_from(found, grid, start)):
             return found
     return context
