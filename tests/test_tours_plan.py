@@ -388,6 +388,18 @@ def test_a_robot_without_stops_drives_to_the_end_too() -> None:
         check_tour(replace(tour, routes=routes, length=rest, cost=rest, bound=0.0, gap=math.inf))
 
 
+@pytest.mark.parametrize("costly", [False, True])
+def test_legs_know_the_map_as_it_is(costly: bool) -> None:
+    """A leg is smoothed where only the robot's centre has room: it knew the inflated map, or with costs none at all."""
+    blocked = np.ones((5, 12), dtype=bool)
+    blocked[1:-1, 1:-1] = False
+    grid, costs = Grid(blocked, 1.0), np.ones(blocked.shape) if costly else None
+    tour = plan_tour(grid, (3.5, 2.5), [(9.5, 2.5), (6.5, 2.5)], robot_radius=1.2, costs=costs, cycles=1)
+    assert all(leg.grid is grid for leg in tour.legs)
+    found = antway.smooth(tour.legs[0], antway.RobotSpec(radius=1.2), trials=1)
+    assert found.motion is not None and found.motion.length == pytest.approx(3.0)
+
+
 def test_sums_of_lengths_and_priorities_are_exact_however_long_a_tour_takes() -> None:
     """Rounding of the times of a day is no reason for a priority of a thousandth to be wrong."""
     tour = plan_tour(HALL, (0.5, 0.5), GOOD, priorities=[1e-3, 2e-3], service=1e5, cycles=5)

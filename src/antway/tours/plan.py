@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -275,7 +275,8 @@ def _route(task: TourTask, free: Grid, cells: list[Cell], order: NDArray[np.int3
     """Return the route along `order`, whose stops are numbered as `cells`, with both ends."""
     rows = order.tolist()
     problems = [Problem(free, cells[a], cells[b], task.moves) for a, b in pairwise(rows)]
-    legs = tuple(solve(one, "jps") if task.costs is None else astar(one, costs=task.costs) for one in problems)
+    found = (solve(one, "jps") if task.costs is None else astar(one, costs=task.costs) for one in problems)
+    legs = tuple(replace(leg, grid=task.grid) for leg in found)  # not the inflated map, as for `antway.plan`
     inner = np.array([k for k, row in enumerate(rows) if 0 < row <= len(task.stops)], dtype=np.int64)
     last = int(rows[-1])
     stays = float(task.service[last - 1]) if 0 < last <= len(task.stops) else 0.0
