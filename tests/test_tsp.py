@@ -325,6 +325,7 @@ def test_spoilt_files():
         {"persistence": 3},
         {"persistence": Constant},
         {"immune": 3},
+        {"rule": np.array(["mmas", "as"]), "local_search": "2opt"},
     ],
     ids=str,
 )

@@ -231,4 +231,4 @@ def local_search_options(
     attempts = 2 * n if rebuild_every == 1 else 0 if focused is False else min(10 * n, 5000)
     temperatures = _TEMPERATURE, _TEMPERATURE_REBUILT
     options = LocalSearchOptions(breadth, n if longest is None else longest, attempts, 30, *temperatures, rebuild_every)
-    return options, MMAS_WITH_SEARCH if rule == "mmas" else rule
+    return options, MMAS_WITH_SEARCH if isinstance(rule, str) and rule == "mmas" else rule
