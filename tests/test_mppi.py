@@ -133,3 +133,15 @@ def test_wrong_options_are_refused() -> None:
     for wrong in ({"samples": 2}, {"horizon": 0.0}, {"temperature": 0.0}, {"margin": math.nan}, {"turn_noise": -1.0}):
         with pytest.raises(BadParameter, match=next(iter(wrong))):
             make_policy("mppi", **wrong)
+
+
+@pytest.mark.parametrize("option", ["margin", "preferred_gap", "wall_margin"])
+def test_margins_beyond_any_map_are_refused(option: str) -> None:
+    """Velocities were NaN with a preferred gap of 1e300 m; up to the limit they are numbers."""
+    for wrong in (1e7, 1e300, -0.1):
+        with pytest.raises(BadParameter, match=option):
+            make_policy("mppi", **{option: wrong})
+    policy = make_policy("mppi", samples=20, **{option: 1e6})
+    policy.reset(hall(robot=WHEELS).task, 3)
+    tracks = Tracks([1], [(2.0, 3.2)], [(-0.5, 0.0)], [0.3])
+    assert np.isfinite(policy.act(Observation(0.0, (1.125, 3.125), (0.0, 0.0), 0.0, tracks)).twist).all()

@@ -38,9 +38,9 @@ class Mppi(Avoider):
     speed_noise, turn_noise : float
         Standard deviations, as shares of the robot's limits, > 0.
     margin, preferred_gap : float
-        Distance kept from obstacles, and preferred distance beyond that, m, >= 0.
+        Distance kept from obstacles, and preferred distance beyond that, m, in [0, 1e6].
     wall_margin : float
-        Distance kept from walls, m, >= 0.
+        Distance kept from walls, m, in [0, 1e6].
 
     Notes
     -----
@@ -62,7 +62,7 @@ class Mppi(Avoider):
         self.samples = checks.integer("samples", self.samples, low=3, high=100_000)
         checks.fields(self, "horizon", "block", "temperature", low=0.0, high=1e6, open_low=True, unit="s")
         checks.fields(self, "speed_noise", "turn_noise", low=0.0, open_low=True)
-        checks.fields(self, "margin", "preferred_gap", "wall_margin", low=0.0, unit="m")
+        checks.fields(self, "margin", "preferred_gap", "wall_margin", low=0.0, high=1e6, unit="m")
 
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the fields of the map and the arrays of samples."""
