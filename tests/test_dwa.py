@@ -305,6 +305,25 @@ def test_wheels_do_not_stop_short_of_a_corner() -> None:
     assert policy.target(o, 2.0, 0.3) == pytest.approx((5.9, 6.3)), "the first node that is not nearer"
 
 
+@pytest.mark.parametrize("robot", [RobotSpec(), WHEELS], ids=["disc", "wheels"])
+def test_however_short_the_horizon_a_period_is_looked_ahead(robot: RobotSpec) -> None:
+    """At 1e-11 s none was, and what was judged had never been written."""
+    policy = make_policy("dwa", horizon=1e-11, aim=1e-11)
+    policy.reset(hall(robot=robot).task, 1)
+    o, commands = Observation(0.0, (4.0, 3.0), (0.0, 0.0), 0.0, Tracks.none()), np.array([[0.1, 0.0], [0.05, 0.0]])
+    ends = policy._rolled(o, o.state_at_action(robot), commands) if policy.rolls else policy._ends(o, commands)
+    assert ends[:, 1] == pytest.approx(commands[:, 0])
+    assert ends[:, 2] == pytest.approx(4.0 + commands[:, 0] * robot.dt, abs=0.01)
+
+
+def test_wheels_look_no_farther_than_a_thousand_periods() -> None:
+    """For their angle to the target, too: 1e6 s took minutes for a command."""
+    policy = make_policy("dwa", aim=1e6)
+    policy.reset(hall(robot=WHEELS).task, 1)
+    assert policy.aim_periods == policy.periods * 1000 // 30 == 1000
+    assert policy.act(Observation(0.0, (4.0, 3.0), (0.0, 0.0), 0.0, Tracks.none())).twist is not None
+
+
 def test_wrong_options_are_refused() -> None:
     """Typed errors name the option."""
     for wrong in (
@@ -315,7 +334,11 @@ def test_wrong_options_are_refused() -> None:
         {"turns": 1},
         {"aim": 0.0},
         {"margin": math.nan},
+        {"margin": 1e7},
         {"vel": -0.1},
+        {"vel": 1e101},
+        {"heading": 1e308},
+        {"dist": 1e308},
     ):
         with pytest.raises(BadParameter, match=next(iter(wrong))):
             make_policy("dwa", **wrong)

@@ -16,6 +16,8 @@ from antway.world.nearby import contact_radii, now
 from antway.world.policy import XY, Command, Observation, Task, commanded
 from antway.world.terrain import terrain_of
 
+_MOST = 1e100  # largest weight, so that no value is infinite: of several infinite ones the first would be the best
+
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class Dwa(Avoider):
@@ -32,9 +34,9 @@ class Dwa(Avoider):
     Parameters
     ----------
     heading, dist : float
-        Weights, >= 0.
+        Weights, in [0, 1e100].
     vel : float or None
-        Weight, >= 0; None: 1.1, or 0.25 for wheels with ramps.
+        Weight, in [0, 1e100]; None: 1.1, or 0.25 for wheels with ramps.
     horizon : float
         s, > 0.
     look_ahead : float
@@ -42,7 +44,7 @@ class Dwa(Avoider):
     directions, speeds : int
         Number of directions, >= 3, and of speeds, >= 1, of the candidates.
     margin : float or None
-        Distance kept from obstacles, m, >= 0; None: 0.2, or 0.1 for wheels with ramps.
+        Distance kept from obstacles, m, in [0, 1e6]; None: 0.2, or 0.1 for wheels with ramps.
     turns : int
         For wheels with ramps: number of turn rates, >= 2, for each of `speeds` + 1 speeds.
     aim : float
@@ -68,12 +70,12 @@ class Dwa(Avoider):
     aim: float = 0.7
 
     def __post_init__(self) -> None:
-        checks.fields(self, "heading", "dist", low=0.0)
+        checks.fields(self, "heading", "dist", low=0.0, high=_MOST)
         checks.fields(self, "horizon", "aim", low=0.0, high=1e6, open_low=True, unit="s")
         checks.fields(self, "look_ahead", low=0.0, open_low=True, unit="m")
-        for name, unit in (("vel", ""), ("margin", "m")):
+        for name, high, unit in (("vel", _MOST, ""), ("margin", 1e6, "m")):
             if getattr(self, name) is not None:
-                checks.fields(self, name, low=0.0, unit=unit)
+                checks.fields(self, name, low=0.0, high=high, unit=unit)
         self.directions = checks.integer("directions", self.directions, low=3, high=3600)
         self.speeds = checks.integer("speeds", self.speeds, low=1, high=100)
         self.turns = checks.integer("turns", self.turns, low=2, high=1000)
@@ -86,7 +88,9 @@ class Dwa(Avoider):
         speed = robot.v_max * np.arange(1, self.speeds + 1) / self.speeds
         self.circles = np.outer(speed, np.exp(1j * angle)).ravel()
         self.limits, self.terrain = robot.limits, terrain_of(task.grid)
-        self.periods = math.ceil(min(self.horizon / robot.dt, 1000.0) - 1e-9)
+        self.periods, self.aim_periods = (
+            max(math.ceil(min(seconds / robot.dt, 1000.0) - 1e-9), 1) for seconds in (self.horizon, self.aim)
+        )
         self.rolls = robot.wheels and not robot.stepwise
         vel, margin = (0.25, 0.1) if self.rolls else (1.1, 0.2)
         self.speed_weight = vel if self.vel is None else self.vel
@@ -151,10 +155,9 @@ class Dwa(Avoider):
         return np.vstack((np.column_stack((np.full(self.turns, stop), turn)), grid))
 
     def _rolled(self, o: Observation, state: RobotState, commands: NDArray[np.float64]) -> NDArray[np.float64]:
-        ends, dt = np.empty((len(commands), 6)), self.task.robot.dt
-        aim = max(math.ceil(self.aim / dt - 1e-9), 1)
+        ends, aim = np.empty((len(commands), 6)), self.aim_periods
         steps, obstacles = max(self.periods, aim), self._obstacles(o)
-        roll_out_twists(commands, state, self.limits, dt, steps, aim, self.terrain, obstacles, ends)
+        roll_out_twists(commands, state, self.limits, self.task.robot.dt, steps, aim, self.terrain, obstacles, ends)
         return ends
 
     def _ends(self, o: Observation, commands: NDArray[np.float64]) -> NDArray[np.float64]:
