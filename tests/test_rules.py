@@ -225,6 +225,15 @@ def test_wrong_parameters(kind, wrong):
     assert caught.value.field == next(iter(wrong))
 
 
+def test_a_schedule_may_come_from_anything_that_yields_pairs():
+    """It is kept as a tuple: iterators were empty once they had been checked."""
+    rule = MaxMinAntSystem(schedule=((0, 25), (3, 2)))
+    for schedule in ([[0, 25], [3, 2]], np.array([[0, 25], [3, 2]], np.uint8), zip((0, 3), (25, 2)), [iter((0, 25)), (3, 2)]):
+        again = MaxMinAntSystem(schedule=schedule)
+        assert again == rule and hash(again) == hash(rule)
+        assert make_rule(again).numbers(2).schedule.tolist() == [[0, 25], [3, 2]]
+
+
 @pytest.mark.parametrize("kind", RULES.values())
 def test_no_parameter_is_negative(kind):
     """Every number of every rule, set to -1, is a `BadParameter` that names it."""

@@ -144,8 +144,8 @@ class MaxMinAntSystem(_RuleFields):
         cycles = [checks.integer("schedule", pair[0], low=0) for pair in pairs if len(pair) == 2]
         if cycles[:1] != [0] or cycles != sorted(set(cycles)) or len(cycles) < len(pairs):
             raise BadParameter("schedule", self.schedule, allowed)
-        for _, every in pairs:
-            checks.integer("schedule", every, low=1)
+        often = [checks.integer("schedule", every, low=1) for _, every in pairs]
+        object.__setattr__(self, "schedule", tuple(zip(cycles, often)))
 
     def numbers(self, ants: int) -> Numbers:
         schedule = np.array(self.schedule, dtype=np.int64)
