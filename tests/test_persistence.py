@@ -86,9 +86,13 @@ def test_printed_persistence_diverges():
     ("kind", "wrong"),
     [
         (Constant, {"rho": 1.01}),
+        (Constant, {"rho": -0.01}),
         (Constant, {"rho": float("nan")}),
         (Adaptive, {"lo": 0.95}),
         (Decay, {"factor": -0.1}),
+        (Decay, {"first": 1.01}),
+        (Decay, {"lo": 1.01}),
+        (ByQuality, {"lo": 0.96}),
         (ByQuality, {"spread": 0.0}),
         (ByQuality, {"hi": "1"}),
     ],

@@ -135,11 +135,30 @@ def test_heuristic_is_one_over_distance():
 
 def test_initial_pheromone_is_the_books():
     """Table 3.1 for 10 ants, 20 cities and a tour of 50, with the evaporation 1 - persistence in place of rho."""
-    expected = {"as": 10 / 50, "eas": 20 / (0.5 * 50), "rank": 0.5 * 6 * 5 / (0.1 * 50), "acs": 1 / (20 * 50)}
+    expected = {
+        "as": 10 / 50,
+        "eas": 20 / (0.5 * 50),
+        "rank": 0.5 * 6 * 5 / (0.1 * 50),
+        "mmas": 1 / 50,  # for limits that evaporation widens
+        "acs": 1 / (20 * 50),
+    }
     assert {name: make_rule(name).initial(10, 20, 50.0) for name in expected} == pytest.approx(expected)
     assert RankBasedAntSystem(ranks=1).initial(10, 20, 50.0) == pytest.approx(0.5 / (0.1 * 50))
     mmas = Colony(Tsp(matrix=FOUR), candidates=3)  # whose tour by greed is 14 long
     assert mmas.state.tau == pytest.approx(1 / (0.02 * 14))
+
+
+def test_defaults_are_the_books():
+    """Table 3.1: beta is 2 for the rules that concentrate on one tour; ACS has ten ants."""
+    rules = [make_rule(name) for name in ("as", "eas", "rank", "mmas", "acs")]
+    assert [(rule.alpha, rule.beta, rule.persistence.rho) for rule in rules] == [
+        (1.0, 5.0, 0.5),
+        (1.0, 5.0, 0.5),
+        (1.0, 5.0, 0.9),
+        (1.0, 2.0, 0.98),
+        (1.0, 2.0, 0.9),
+    ]
+    assert (rules[2].ranks, rules[4].q0, rules[4].xi, rules[4].ants) == (6, 0.9, 0.1, 10)
 
 
 @compiled
@@ -212,6 +231,8 @@ def test_local_update_of_acs(candidates, seed):
         (MaxMinAntSystem, {"p_best": 1.0}),
         (MaxMinAntSystem, {"schedule": ((1, 5),)}),
         (MaxMinAntSystem, {"schedule": ((0, 5), (0, 7))}),
+        (MaxMinAntSystem, {"schedule": ((0, 5), (3, 7, 9))}),
+        (MaxMinAntSystem, {"schedule": ((0, 0),)}),
         (MaxMinAntSystem, {"restart": -1}),
         (MaxMinAntSystem, {"choices": 1.0}),
         (AntColonySystem, {"q0": 1.5}),
