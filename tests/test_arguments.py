@@ -18,7 +18,7 @@ from antway.errors import BadInput, InvalidPlan
 from antway.tours.time_windows import Tsptw
 
 WRONG = (
-    *(np.zeros(3), np.array(3.0), np.zeros((0, 2)), np.array(["a"]), np.array([None])),
+    *(np.zeros(3), np.array(3.0), np.zeros((0, 2)), np.array(["a"]), np.array(["a", "b"]), np.array([None])),
     *(3, -1, True, 10**400, 2.5, float("nan"), float("inf"), 1j),
     *("x", "", "\ud800", b"x", None, object(), int, {"a": 1}, {1}, [1], [[1, 2], [3]], (1, 2, 3), ()),
 )
