@@ -316,6 +316,24 @@ def test_however_short_the_horizon_a_period_is_looked_ahead(robot: RobotSpec) ->
     assert ends[:, 2] == pytest.approx(4.0 + commands[:, 0] * robot.dt, abs=0.01)
 
 
+def test_a_disc_weighs_rest_all_directions_and_the_way_to_the_target() -> None:
+    """The angle to the target is that of the motion or, at rest, of the heading; near the target it would not go past it."""
+    policy = make_policy("dwa", heading=1.0, dist=2.0, vel=0.5, horizon=4.0)
+    policy.reset(hall(robot=RobotSpec(v_max=2.0)).task, 1)
+    o = Observation(0.0, (4.0, 3.0), (0.0, 0.0), 0.3, Tracks.none())
+    commands = policy._candidates(o, (8.0, 3.0))
+    assert len(commands) == 1 + 4 * 36 + 4
+    assert commands[0].tolist() == [0.0, 0.0]
+    assert np.hypot(*commands[1:145].T).reshape(4, 36) == pytest.approx(np.tile([[0.5], [1.0], [1.5], [2.0]], 36))
+    assert commands[[1, 10, 19, 28]] == pytest.approx(0.5 * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]]))
+    assert commands[-4:] == pytest.approx(np.array([[0.5, 0.0], [1.0, 0.0], [1.5, 0.0], [2.0, 0.0]]))
+    assert policy._candidates(o, (4.0, 3.1))[-1] == pytest.approx((0.0, 0.1 / policy.task.robot.dt))
+    ends = np.array([[math.inf, 0.0, 4.0, 3.0], [1.0, 2.0, 4.2, 3.0], [math.inf, 1.0, 3.9, 3.0], [2.0, 1.0, 8.0, 2.0]])
+    value = policy._value(o, (8.0, 3.0), ends, np.array([4.0, 1.0, 4.0, 2.0]))
+    quarter = 0.5 - math.atan2(1.0, 4.0) / math.pi  # it moved to the right and down; the target is then straight up
+    assert value == pytest.approx([1 - 0.3 / math.pi + 2.0, 1.0 + 0.5 + 0.5, 2.0 + 0.25, quarter + 1.0 + 0.25])
+
+
 def test_wheels_look_no_farther_than_a_thousand_periods() -> None:
     """For their angle to the target, too: 1e6 s took minutes for a command."""
     policy = make_policy("dwa", aim=1e6)
