@@ -31,6 +31,7 @@ from antway.world.policy import Task
 from antway.world.robots import load_robot
 from antway.world.rollouts import finite_limits
 from antway.world.sensor import Sensor
+from antway.world.stops import Stop
 from antway.world.world import Obstacle
 from common import costly, judge
 from naive import rollout as naive
@@ -530,6 +531,17 @@ def test_a_car_that_nobody_is_near_soon_gains_nothing_by_standing() -> None:
     assert stand[0] == stand[1] == colony.problem.weights.stand > 0.0 == stand[2]
     outlook.near[3] = 1
     assert colony._weights_now(2.1, state, 0.0, True).stand == stand[0]
+
+
+@pytest.mark.parametrize("somebody", [False, True])
+def test_a_robot_that_is_to_stand_at_its_goal_sets_out(somebody: bool) -> None:
+    """Rollouts of 3 s that ended there, but too fast, cost next to no more after a period of waiting, so it waited forever."""
+    robot = RobotSpec(radius=0.57, v_max=1.97, a_max=1.0, brake_max=1.5)
+    world = World(Grid(np.zeros((70, 65), bool), 0.1), (Obstacle(0.25, Line((4.0, 5.9), (4.0, 5.9), 1.0)),) * somebody)
+    scenario = Scenario(world, (1.675, 4.175), (3.975, 2.275), robot, stops=(Stop((4.575, 3.925)),), horizon=20.0)
+    result = run(scenario, "antway", seed=0)
+    check_episode(result)
+    assert result.reached and result.time < 10.0
 
 
 def test_latency_is_driven_with() -> None:
