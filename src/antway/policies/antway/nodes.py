@@ -259,8 +259,9 @@ def away_from_walls(
     ends = np.zeros(wide.shape, dtype=bool)
     for row, col in (start, goal):
         ends |= np.hypot(rows[:, None] - row, cols - col) * grid.resolution <= _ENDS
+    known = {_WALL_MARGIN: wide, 0.0: context.legal.reshape(wide.shape)}
     for margin in (_WALL_MARGIN, _LEAST_MARGIN, 0.0):
-        near = wide if margin == _WALL_MARGIN else timed_moves(grid, radius + margin, moves, stride, first)
+        near = known[margin] if margin in known else timed_moves(grid, radius + margin, moves, stride, first)
         mask = np.where(ends, near, wide)
         found = make_context(grid, _disc(task.robot, radius + margin), goal, moves, mask, stride)
         if math.isfinite(_time_from(found, grid, start)):
