@@ -218,11 +218,11 @@ def plan_for(folder: str, policy: Policy) -> None:
         For a folder that is not there or no guard's.
     """
     try:
-        memory = Link(folder, "planner")
+        link = Link(folder, "planner")
     except (OSError, TypeError, ValueError):
         raise BadParameter("folder", folder, "that of a `GuardProcess` which runs") from None
     number = 0
-    with contextlib.closing(memory) as link:
+    with contextlib.closing(link):
         while os.path.exists(folder):
             found = link.observed(number)
             if found is None:
