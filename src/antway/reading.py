@@ -87,9 +87,14 @@ def read_text(path: Path, most: int, *, error: type[BadInput] = BadMap, field: s
     return decoded(read_bytes(path, most, error=error, field=field), str(path), error=error, field=field)
 
 
+def count_lists(text: str) -> int:
+    """Return how many brackets open lists and tables in JSON or TOML, also in strings."""
+    return text.count("[") + text.count("{")
+
+
 def check_nesting(text: str, depth: int, lists: int, where: str) -> None:
     """Raise `TooLarge` for JSON or TOML with brackets nested deeper than `depth`, or, also in strings, more than `lists`."""
-    found = text.count("[") + text.count("{")
+    found = count_lists(text)
     if found > lists:
         raise TooLarge("lists and tables", found, f"at most {lists}", where=where)
     now = deepest = 0

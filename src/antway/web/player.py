@@ -14,6 +14,7 @@ from typing import TypeVar
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from antway.errors import BadInput, BadParameter
+from antway.reading import count_lists
 from antway.web.tab import Tab
 from antway.web.view import Message
 
@@ -218,8 +219,9 @@ def _text(message: Message) -> str:
 
 
 def _parse(text: str) -> object:
-    if text.count("[") + text.count("{") > MAX_LISTS:
-        raise BadParameter("message", f"{text.count('[') + text.count('{')} lists", f"at most {MAX_LISTS} lists and objects")
+    lists = count_lists(text)
+    if lists > MAX_LISTS:
+        raise BadParameter("message", f"{lists} lists", f"at most {MAX_LISTS} lists and objects")
     try:
         request = json.loads(text)
     except (ValueError, RecursionError):

@@ -19,7 +19,7 @@ from antway.errors import BadInput, BadScenario
 from antway.grid import Grid
 from antway.limits import MAX_DEPTH, MAX_LISTS, MAX_PLACE
 from antway.planning import TimedPath
-from antway.reading import Unpacked, check_nesting, read_text
+from antway.reading import Unpacked, check_nesting, count_lists, read_text
 from antway.world.policy import Decision, RobotSpec, Task
 from antway.world.stops import Rounds, Stop, Turn, Visit
 from antway.world.timeline import COLUMNS, Timeline
@@ -90,7 +90,7 @@ def beyond_limits(trace: Trace, text: str) -> str:
     packed += [one.pheromone[2] for one in decisions if one.pheromone is not None]
     for what, size, most in (
         ("bytes", len(text), MAX_BYTES),
-        ("lists and tables", text.count("[") + text.count("{"), MAX_LISTS),
+        ("lists and tables", count_lists(text), MAX_LISTS),
         ("bytes unpacked", sum(array.nbytes for array in packed if array is not None), MAX_UNPACKED),
     ):
         if size > most:
