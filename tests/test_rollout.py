@@ -15,11 +15,13 @@ from antway.kernels.controls.abreast import X, Y, judge_all
 from antway.kernels.controls.afterwards import cost_afterwards
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
-from antway.kernels.controls.motion import motion_state, step
+from antway.kernels.controls.lookup import time_to_go
+from antway.kernels.controls.motion import MotionState, motion_state, step
 from antway.kernels.controls.others import _average_of_round, average, restart
 from antway.kernels.controls.outlook import spread_plan, write_beyond
 from antway.kernels.controls.path import path_of, same_path
 from antway.kernels.controls.problem import GOAL_SPEED
+from antway.kernels.controls.rollout import lost_time
 from antway.kernels.controls.seeds import descend
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.control_options import ControlOptions
@@ -33,7 +35,7 @@ from antway.world.rollouts import finite_limits
 from antway.world.sensor import Sensor
 from antway.world.stops import Stop
 from antway.world.world import Obstacle
-from common import costly, judge
+from common import cases, costly, judge
 from naive import rollout as naive
 
 WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
@@ -424,6 +426,26 @@ def test_the_spread_of_an_elite_is_that_of_all_ants_if_they_are_fewer() -> None:
     _average_of_round(how, drawn, np.arange(float(ants)), block, (0.0, 0.0))
     middle = np.minimum(np.arange(len(how.spread)) * block + block // 2, drawn.shape[1] - 1)
     assert how.spread == pytest.approx(drawn.std(axis=0)[middle])
+
+
+@pytest.mark.parametrize("robot", [WHEELS, replace(HOLONOMIC, brake_max=0.6)], ids=["wheels", "holonomic"])
+@pytest.mark.parametrize("stay", [0.0, 3.0])
+def test_what_is_lost_to_ramps_is_what_driving_them_takes(robot: RobotSpec, stay: float) -> None:
+    """Who is to stay brakes for the goal, and comes back if that was too late. Neither counted once: to wait was better."""
+    task, rng = replace(_task(robot), stay=stay, goal_tolerance=0.2), np.random.default_rng(7)
+    context = make_context(task.grid, robot, task.grid.cell_at(task.goal))
+    colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), 3, strict=True)
+    field, limits, kinds = colony.problem.field, colony.problem.limits, set()
+    for _ in range(cases(25)):
+        (dx, dy), theta = rng.uniform(-1.0, 1.0, 2) * rng.choice([0.15, 1.0, 3.0]), rng.uniform(-3.0, 3.0)
+        a, b = rng.choice([0.05, 1.0]) * rng.uniform((-0.3 if robot.wheels else -0.7, -0.7), 0.7)
+        x, y = task.goal[0] - abs(dx), min(task.goal[1] + dy, 7.0)
+        at = MotionState(x, y, math.cos(theta), math.sin(theta), a, b)
+        to_go = time_to_go(field, at)
+        lost = lost_time(at, to_go, field, limits)
+        assert lost == pytest.approx(naive.lost_of((x, y, theta, a, b), limits, field), rel=0.01, abs=0.02)
+        kinds.add((to_go == 0.0, lost > 0.1))
+    assert stay == 0.0 or kinds >= {(True, False), (True, True), (False, True)}
 
 
 def test_who_is_to_stay_arrives_as_slowly_as_its_brakes_have_turned_out_to_be_weak() -> None:

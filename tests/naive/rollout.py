@@ -243,25 +243,41 @@ def afterwards_of(state: tuple[float, ...], problem: ControlProblem, decay: floa
 def lost_of(state: tuple[float, ...], limits: RobotLimits, field: StaticField) -> float:
     """Time lost to ramps and turns, driven in small steps: on a ramp to full speed, and turning while at full speed."""
     x, y, theta, a, b = state
-    h = 1e-4
+    goal_x, goal_y, tolerance, slow = field.goal
+    h = 2e-4
     down = _downhill(x, y, field)
     to_go = max(bilinear(field.time, x, y, field.time_frame), 0.0)
 
-    def ramp(speed: float, top: float) -> float:
-        left, t = to_go * limits.v_max, 0.0
+    def drive(left: float, speed: float, top: float, slow: float) -> tuple[float, float, float]:
+        """How long it takes, how far it then is from there and how fast it is; it arrives no faster than `slow` if it can."""
+        t = 0.0
         while left > 0.0:
-            left, t, speed = left - speed * h, t + h, min(speed + limits.a_max * h, top)
-        return t - to_go
+            brakes = speed > slow and speed**2 - slow**2 >= 2.0 * limits.brake_max * left
+            faster = max(speed - limits.brake_max * h, slow) if brakes else min(speed + limits.a_max * h, max(top, speed))
+            left, t, speed = left - 0.5 * (speed + faster) * h, t + h, faster
+        return t, left, speed
 
+    def ramp(speed: float, top: float, room: float) -> float:
+        t, left, speed = drive(to_go * limits.v_max, speed, top, slow)
+        while speed > slow:
+            left, t, speed = left - speed * h, t + h, speed - limits.brake_max * h
+        return t - to_go + drive(-left - room, 0.0, math.inf, 0.0)[0]
+
+    if to_go == 0.0:
+        velocity = np.array([a, b]) if not limits.drive else a * np.array([math.cos(theta), math.sin(theta)])
+        ahead = np.linspace(0.0, 2.0 * tolerance, 2001) if velocity.any() else np.zeros(1)
+        course = velocity / max(np.hypot(*velocity), 1e-9)
+        room = ahead[np.hypot(*([x, y] + ahead[:, None] * course - [goal_x, goal_y]).T) <= tolerance].max()
+        return ramp(float(np.hypot(*velocity)), limits.v_max, room)
     if not limits.drive:
-        return ramp(float(np.array([a, b]) @ down / np.hypot(*down)), limits.v_max)
+        return ramp(float(np.array([a, b]) @ down / np.hypot(*down)), limits.v_max, 2.0 * tolerance)
     lost = []
     for sign, top in ((1.0, limits.v_max), (-1.0, limits.v_reverse)):
         course = sign * np.array([math.cos(theta), math.sin(theta)])
         off, turned = math.acos(min(max(float(course @ down / np.hypot(*down)), -1.0), 1.0)), 0.0
         while off > 0.0:
             turned, off = turned + h * (1.0 - math.cos(off)), off - limits.turn_rate * h
-        lost.append(ramp(sign * a, top) + turned)
+        lost.append(ramp(sign * a, top, 2.0 * tolerance) + turned)
     return min(lost)
 
 

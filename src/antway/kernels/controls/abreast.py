@@ -295,9 +295,10 @@ def judge_all(sequences: Floats, problem: ControlProblem, limit: float, cost: Fl
     At the end of each step, the time to go is the static one or, if that is more, the time that the plan still takes from its
     place at that time, plus the path to that place: behind a moving obstacle the static time is too short. The time that a car
     loses to turns is added. At the end of the sequence the time to go itself is added or, if that is more, the static one with
-    what the robot will still lose to ramps and turns: a robot that waits loses nothing to them, and need not take a run-up or,
-    where it has found no path (`ramps`), turn. What obstacles will cost afterwards is added (kernels/controls/afterwards.py). A
-    robot that reaches the goal brakes as soon as a command given there acts; what it meets until it stands counts as before.
+    what the robot will still lose to ramps, with those to a stop at the goal, and turns: a robot that waits loses nothing to
+    them, and need not take a run-up or, where it has found no path (`ramps`), turn. What obstacles will cost afterwards is
+    added (kernels/controls/afterwards.py). A robot that reaches the goal brakes as soon as a command given there acts; what it
+    meets until it stands counts as before.
     """
     for first in range(0, len(sequences), BATCH):
         _judge_abreast(sequences[first : first + BATCH], problem, limit, cost[first : first + BATCH])

@@ -9,7 +9,16 @@ from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.lookup import clearance, footprint_distance, slope
 from antway.kernels.controls.motion import MotionState
-from antway.kernels.controls.problem import ControlProblem, NearObstacle, StaticField, near_at
+from antway.kernels.controls.problem import (
+    GOAL_SPEED,
+    GOAL_X,
+    GOAL_Y,
+    TOLERANCE,
+    ControlProblem,
+    NearObstacle,
+    StaticField,
+    near_at,
+)
 
 _FIRST_STEP = 3.0  # 1; weight of a stop that the guard would refuse at the first step; at later steps it is the decay
 _ALONG = 0.9  # 1; cosine of the angle between the directions of the robot and of an obstacle that it follows, at least
@@ -134,12 +143,46 @@ def _depth_in_stop(disc: NearObstacle, x: float, y: float, after: float, swerve:
 
 
 @inner_kernel
-def _ramp_loss(along: float, top: float, to_go: float, v_max: float, a_max: float) -> float:
-    """Return the time lost by a robot at `along` m/s that can drive at `top` m/s, on a path of `to_go` s at `v_max` m/s, s."""
-    far, lack = to_go * v_max, max(top - along, 0.0)
-    if 2.0 * a_max * far >= top * top - along * along:
-        return 0.5 * lack * lack / (a_max * top) + far / top - to_go
-    return (math.sqrt(along * along + 2.0 * a_max * far) - along) / a_max - to_go
+def _braking_time(speed: float, slow: float, most: float, limits: RobotLimits) -> float:
+    """Return how long a robot brakes to `slow` m/s; if it needs more than `most` m for that, it comes back as far, s."""
+    past = max((speed * speed - slow * slow) / (2.0 * limits.brake_max) - most, 0.0)
+    return (speed - slow) / limits.brake_max + math.sqrt(2.0 * past * (1.0 / limits.a_max + 1.0 / limits.brake_max))
+
+
+@inner_kernel
+def _loss_at_goal(at: MotionState, goal: Floats, limits: RobotLimits) -> float:
+    """Return how long a robot within the goal's tolerance still brakes until it is slow enough, s."""
+    speed = math.sqrt(at.a * at.a + at.b * at.b) if limits.drive == HOLONOMIC else abs(at.a)
+    slow, tolerance = goal[GOAL_SPEED], goal[TOLERANCE]
+    if speed <= slow:
+        return 0.0
+    vx, vy = (at.a, at.b) if limits.drive == HOLONOMIC else (at.a * at.cos, at.a * at.sin)
+    dx, dy = goal[GOAL_X] - at.x, goal[GOAL_Y] - at.y
+    along = (vx * dx + vy * dy) / speed
+    chord = along + math.sqrt(max(along * along + tolerance * tolerance - dx * dx - dy * dy, 0.0))
+    return _braking_time(speed, slow, chord, limits)
+
+
+@inner_kernel
+def _ramp_loss(along: float, top: float, to_go: float, goal: Floats, limits: RobotLimits) -> float:
+    """Return the time lost by a robot at `along` m/s that can drive at `top` m/s, on a path of `to_go` s at `v_max` m/s, s.
+
+    The robot arrives no faster than the goal asks.
+    """
+    far, slow, a_max, brake_max = to_go * limits.v_max, goal[GOAL_SPEED], limits.a_max, limits.brake_max
+    if slow == math.inf:
+        lack = max(top - along, 0.0)
+        if 2.0 * a_max * far >= top * top - along * along:
+            return 0.5 * lack * lack / (a_max * top) + far / top - to_go
+        return (math.sqrt(along * along + 2.0 * a_max * far) - along) / a_max - to_go
+    slow = min(slow, math.sqrt(along * along + 2.0 * a_max * far))
+    if along > slow and along * along - slow * slow >= 2.0 * brake_max * far:
+        return _braking_time(along, slow, far + 2.0 * goal[TOLERANCE], limits) - to_go
+    square = (2.0 * a_max * brake_max * far + brake_max * along * along + a_max * slow * slow) / (a_max + brake_max)
+    peak = min(math.sqrt(square), max(top, along))
+    ramps = (peak * peak - along * along) / (2.0 * a_max) + (peak * peak - slow * slow) / (2.0 * brake_max)
+    time: float = (peak - along) / a_max + (peak - slow) / brake_max + max(far - ramps, 0.0) / peak
+    return time - to_go
 
 
 @bare_kernel
@@ -149,19 +192,21 @@ def lost_time(at: MotionState, to_go: float, field: StaticField, limits: RobotLi
     A robot on wheels turns to the steepest descent while it drives. A turn by the angle phi at full rate costs
     (phi - sin phi) / rate. If the robot can reverse and that takes less time, it drives there in reverse.
     """
+    if to_go <= 0.0:
+        return _loss_at_goal(at, field.goal, limits)
     gx, gy, steep = slope(field, at.x, at.y, 1.0 / field.time_frame[2])
-    if steep < 1e-9 or to_go <= 0.0:
+    if steep < 1e-9:
         return 0.0
     dx, dy = -gx / steep, -gy / steep
     if limits.drive == HOLONOMIC:
-        return _ramp_loss(at.a * dx + at.b * dy, limits.v_max, to_go, limits.v_max, limits.a_max)
+        return _ramp_loss(at.a * dx + at.b * dy, limits.v_max, to_go, field.goal, limits)
     ahead, radius = at.cos * dx + at.sin * dy, max(limits.turning_radius, 1e-9)
     phi = math.acos(min(max(ahead, -1.0), 1.0))
-    lost = _ramp_loss(at.a, limits.v_max, to_go, limits.v_max, limits.a_max)
+    lost = _ramp_loss(at.a, limits.v_max, to_go, field.goal, limits)
     lost += (phi - math.sin(phi)) / min(limits.turn_rate, limits.v_max / radius)
     if limits.v_reverse > 0.0:
         phi = math.pi - phi
-        back = _ramp_loss(-at.a, limits.v_reverse, to_go, limits.v_max, limits.a_max)
+        back = _ramp_loss(-at.a, limits.v_reverse, to_go, field.goal, limits)
         lost = min(lost, back + (phi - math.sin(phi)) / min(limits.turn_rate, limits.v_reverse / radius))
     return lost
 

@@ -44,7 +44,7 @@ _REGAINED = 2.0  # 1; for each second that the robot gets nearer to its goal, so
 _BACK = 3.0  # s; a robot that is farther from its goal by this than it was goes round something, or was carried or pushed back
 _WEAK = 1.5  # s; a robot has weak brakes if it takes longer than this to stop from its top speed
 _CREEP = 0.2  # 1; with those, a robot before a strict guard keeps room for stops from this share of its top speed at least
-_PUTS_OFF = 2.0  # s; a robot that does not get nearer to its goal for so long may put off to move
+_PUTS_OFF = 2.0  # s; a car that does not get nearer to its goal for so long may put off to move
 _STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
@@ -193,8 +193,7 @@ class ControlColony:
 
         The weight of risks and the least speed of stops are lower if the robot has not got nearer to the goal for long.
         Otherwise it might wait forever beside an obstacle that stands and whose velocity is not known well, or that leaves
-        little room. Standing is worth nothing to a robot that is to stand at its goal, because rollouts that end there do
-        not count all of its braking, nor to a car whose manoeuvres gain little in a period: both would put off to move.
+        little room. Standing is worth nothing to a car whose manoeuvres gain little in a period: it would put off to move.
         """
         field, weights = self.problem.field, self.problem.weights
         to_go, there = static_time(field, state), math.dist(self.task.goal, state[:2]) <= self.task.goal_tolerance
@@ -206,9 +205,7 @@ class ControlColony:
         caution = 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0)
         risk, turn_risk, least = weights.risk * caution, turn_rate * weights.turn_risk, weights.least_speed * caution
         weights = weights._replace(risk=risk, turn_risk=turn_risk, least_speed=least, ramps=float(has_plan))
-        alone, puts_off = not self.problem.outlook.near.any(), now - self.since > _PUTS_OFF
-        stands_there = self.task.stay > 0.0 and not there
-        if (stands_there and (alone or puts_off)) or (self.robot.turning_radius > 0.0 and alone and puts_off):
+        if self.robot.turning_radius > 0.0 and now - self.since > _PUTS_OFF and not self.problem.outlook.near.any():
             weights = weights._replace(stand=0.0)
         depth = call(depth_in_wall, field, state)
         return weights if depth == 0.0 else weights._replace(wall_margin=-depth - _DEEPER)
