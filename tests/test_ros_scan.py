@@ -133,6 +133,16 @@ def test_what_is_no_arc_is_held_by_its_discs():
     assert discs(boards, gap=0.3, largest=0.8)[0][:, 0] == pytest.approx([0.05, 5.05]), "in the order of beams"
 
 
+def test_points_at_one_place_are_a_disc() -> None:
+    """Rounding made the square of the radius of a circle through them negative, which ended the node."""
+    rng = np.random.default_rng(0)
+    for _ in range(cases(300, 5000)):
+        place, n = rng.uniform(-300, 300, 2), int(rng.integers(5, 12))
+        xy, radius, *_ = discs(place + 1e-15 * rng.normal(size=(n, 2)), gap=0.3, largest=0.8)
+        np.testing.assert_allclose(xy, [place], atol=1e-12)
+        assert 0.0 <= radius[0] < 1e-12
+
+
 def test_points_of_the_map_are_those_near_its_walls() -> None:
     """Every cell of the square around a point is looked at, on any map; one look at a large map takes no time for each beam."""
     rng = np.random.default_rng(12)
@@ -187,6 +197,7 @@ def test_malformed_scans_are_refused():
     np.testing.assert_allclose(np.hypot(*points.T), [0.05, 1.0])
     points, beams = read_points(scan_of([0.0, 0.01, 1.0, 50.0, math.inf], range_min=0.0, range_max=math.inf))
     assert beams.tolist() == [1, 2, 3], "0 is no return, and pointcloud_to_laserscan does not limit ranges"
+    assert read_points(scan_of([6.0, 5.99, 6.0]), 1.0)[1].tolist() == [1], "range_max is no return, but a valid one"
     for name, value in (
         ("angle_increment", 0.0),
         ("angle_increment", 1.7e308),

@@ -44,9 +44,10 @@ class Discs(NamedTuple):
 def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the points of a sensor_msgs/msg/LaserScan, float64[N, 2] in m in the laser's frame, and which beams they are.
 
-    A range of -inf (too near to measure, REP 117) counts as range_min; NaN, 0 and ranges out of limits give no point. range_max
-    may be infinite. The share `valid` of the beams, [0, 1], must be valid, which NaN, 0 and ranges below range_min, -inf too,
-    are not: a covered or broken laser does not mean that the place is empty.
+    A range of -inf (too near to measure, REP 117) counts as range_min; NaN, 0 and ranges out of limits give no point, nor does
+    range_max itself, which some drivers and simulators report where nothing is in range. range_max may be infinite. The share
+    `valid` of the beams, [0, 1], must be valid, which NaN, 0 and ranges below range_min, -inf too, are not: a covered or broken
+    laser does not mean that the place is empty.
 
     Raises
     ------
@@ -76,7 +77,7 @@ def read_points(message: Any, valid: float = 0.0) -> tuple[NDArray[np.float64], 
     if sound < valid:
         raise BadParameter("ranges", f"{100 * sound:.0f} % valid", f"valid in at least {100 * valid:g} % of beams", where=where)
     r = np.where(r == -math.inf, near, r)
-    hit = (r >= near) & (r <= far)  # not where NaN
+    hit = (r >= near) & (r < far)  # not where NaN
     beams = np.flatnonzero(hit)
     r, angle = r[hit], start + step * beams
     return np.column_stack((r * np.cos(angle), r * np.sin(angle))), beams
@@ -225,7 +226,7 @@ def _circle(cluster: NDArray[np.float64], largest: float) -> tuple[float, float,
     offset = cluster.mean(axis=0)
     p = cluster - offset
     (a, b, c), *_ = np.linalg.lstsq(np.column_stack((2.0 * p, np.ones(len(p)))), (p**2).sum(axis=1), rcond=None)
-    radius = math.sqrt(c + a * a + b * b)
+    radius = math.sqrt(max(c + a * a + b * b, 0.0))  # rounding makes it negative where all points are at one place
     error = np.abs(np.hypot(p[:, 0] - a, p[:, 1] - b) - radius).max()
     chord = math.dist(p[0], p[-1])
     if radius > largest or error > _ROUND or chord < math.sqrt(2.0) * radius:
