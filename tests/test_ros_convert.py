@@ -332,6 +332,21 @@ def test_an_update_with_costs_that_are_none_is_refused(cost: float) -> None:
     assert reader.update(change).blocked.tolist() == [[True, False, True], [True, True, True]]
 
 
+def test_a_map_or_an_update_without_a_stamp_is_not_older() -> None:
+    """Older releases of Nav2 send updates of costmaps with the stamp 0, which were ignored; what is older still is."""
+    reader = convert.MapReader("map", 100)
+
+    def update(t: float, cost: int) -> Grid | None:
+        header = convert.header_message(t, "map")
+        return reader.update(convert.plain("", header=header, x=1, y=0, width=1, height=1, data=[cost]))
+
+    reader.read(convert.grid_message(Grid(np.zeros((2, 3), bool)), t=50.0))
+    assert update(0.0, 100).blocked.tolist() == [[False, True, False], [False] * 3]
+    assert update(49.0, 0) is None and reader.costs[0, 1] == 100
+    assert reader.read(convert.grid_message(Grid(np.ones((2, 3), bool)))).blocked.all()
+    assert update(49.0, 0) is None and not update(50.0, 0).blocked[0, 1]
+
+
 def test_a_map_that_was_refused_as_older_counts_once_time_went_back() -> None:
     """A simulation that begins anew sends its map once, often before its clock is seen to go back."""
     reader = convert.MapReader("map", 100)

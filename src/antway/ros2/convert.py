@@ -151,7 +151,8 @@ def read_grid(message: Any, *, occupied: int = 100) -> Grid:
 class MapReader:
     """Reads maps in `frame`, and updates of parts of the last one, as costmaps send them.
 
-    Cells of cost `occupied` or more, or -1 (unknown), are blocked.
+    Cells of cost `occupied` or more, or -1 (unknown), are blocked. What has the stamp 0 is not older than anything: older
+    releases of Nav2 send updates of costmaps so.
     """
 
     def __init__(self, frame: str, occupied: int) -> None:
@@ -167,8 +168,9 @@ class MapReader:
         return refused
 
     def _stamp(self, message: Any) -> float:
+        """Return the stamp of a message in s, or that of the map in use if the message has none."""
         checks.choice("header.frame_id", message.header.frame_id, [self.frame])
-        return seconds(message.header.stamp)
+        return seconds(message.header.stamp) or max(self.stamp, 0.0)
 
     def read(self, message: Any) -> Grid:
         """Return the map in a nav_msgs/msg/OccupancyGrid; raise `BadInput` if it is malformed or older than the one in use."""
