@@ -101,6 +101,9 @@ def test_tracking_measures_from_the_nearest_point():
     assert tracking(straight, (1.0, -0.5), 0.0).aside == -0.5, "to the right of the way"
     assert tracking(straight, (1.0, 0.0), -0.3).turned == 0.3, "turned to the right of the way"
     assert tracking(straight[:1], (3.0, 4.0), 0.0).left == 5.0
+    repeated = tracking(straight[[0, 0, 0, 1, 1]], (-0.1, 0.5), 1.0)
+    assert repeated == replace(tracking(straight, (-0.1, 0.5), 1.0), index=2), "a vertex may be repeated"
+    assert tracking(straight[[0, 0]], (3.0, 4.0), 0.0).left == 0.0
 
 
 def test_a_simulation_that_is_ten_times_as_fast_is_no_jump_of_the_clock() -> None:

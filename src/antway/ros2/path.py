@@ -112,8 +112,8 @@ def tracking(path: NDArray[np.float64], xy: XY, heading: float) -> Tracking:
     to = np.array(xy) - start
     share = np.clip((to * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300), 0.0, 1.0)
     away = np.hypot(*(to - share[:, None] * step).T)
-    i = int(np.argmin(away))
     lengths = np.hypot(*step.T)
+    i = int(np.argmin(np.where(lengths > 0.0, away, math.inf)))  # from a vertex to itself there is no direction
     side = math.copysign(float(away[i]), float(step[i, 0] * to[i, 1] - step[i, 1] * to[i, 0]))
     left = float((1.0 - share[i]) * lengths[i] + lengths[i + 1 :].sum())
     return Tracking(i, side, wrap(math.atan2(step[i, 1], step[i, 0]) - heading), left)
