@@ -277,6 +277,12 @@ def test_discs_of_several_namespaces_may_have_the_same_id() -> None:
     _, tracks = convert.read_markers(message)
     assert tracks.id.tolist() == [-1, -1, 1] and tracks.xy[:, 0].tolist() == [1.0, 2.0, 3.0]
     np.testing.assert_allclose(tracks.velocity[:, 0], [0.1, 0.2, 0.3])
+    for name, x in ((-7, 4.0), (-8, 5.0)):  # ids are integers of 32 bits with a sign, such as parts of a hash
+        add(convert.CYLINDER, "hashes", name, x)
+        add(convert.ARROW, "hashes", name, x)
+    _, tracks = convert.read_markers(message)
+    assert tracks.id.tolist() == [-1, -1, 1, -1, -1]
+    np.testing.assert_allclose(tracks.velocity[:, 0], 0.1 * tracks.xy[:, 0])
     add(convert.ARROW, "velocities", 0, 1.0)
     with pytest.raises(BadParameter, match=r"markers: id = 0: must be an arrow in the namespace of its disc"):
         convert.read_markers(message)

@@ -324,11 +324,11 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
     """Return (t in s, tracks) of a visualization_msgs/msg/MarkerArray.
 
     Each added sphere or cylinder is a disc whose diameter is the larger of scale.x and scale.y, named by its id; a cube is the
-    disc around it. Discs of several namespaces that have the same id have no name. An added arrow with the id of a disc from
-    points[0] to points[1] is its velocity (m in 1 s): that of its namespace, or one whose namespace has no such disc. Without
-    an arrow the velocity is unknown. Lines, texts, other arrows and other actions are ignored. The time is the oldest stamp of
-    a disc, until which discs with newer stamps are moved back by their velocities, or, in a scene without discs, the latest
-    stamp, so that even an empty scene needs a marker: delete-all.
+    disc around it. Discs of several namespaces that have the same id have no name, nor have those with ids below 0. An added
+    arrow with the id of a disc from points[0] to points[1] is its velocity (m in 1 s): that of its namespace, or one whose
+    namespace has no such disc. Without an arrow the velocity is unknown. Lines, texts, other arrows and other actions are
+    ignored. The time is the oldest stamp of a disc, until which discs with newer stamps are moved back by their velocities, or,
+    in a scene without discs, the latest stamp, so that even an empty scene needs a marker: delete-all.
 
     Raises
     ------
@@ -345,7 +345,7 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
         where = f"MarkerArray.markers[{i}]"
         if marker.action != ADD:
             continue
-        name = marker.ns, checks.integer("id", marker.id, low=0, where=where)
+        name = marker.ns, checks.integer("id", marker.id, where=where)
         if marker.type in (CUBE, SPHERE, CYLINDER):
             if name in discs:
                 raise BadParameter("id", marker.id, "the id of only one disc of its namespace", where=where)
@@ -371,7 +371,7 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
     velocity = np.array(arrow, np.float64).reshape(-1, 2)
     t = min(stamps) if stamps else max(seconds(marker.header.stamp) for marker in message.markers)
     xy = rows[:, :2] - (np.array(stamps) - t)[:, None] * np.nan_to_num(velocity)
-    return t, Tracks(np.array(ids, np.int64), xy, velocity, rows[:, 2].copy()).distinct()
+    return t, Tracks(np.maximum(np.array(ids, np.int64), -1), xy, velocity, rows[:, 2].copy()).distinct()
 
 
 def placed_headers(message: Any) -> list[Any]:
