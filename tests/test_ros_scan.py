@@ -222,6 +222,21 @@ def test_scans_of_a_clock_that_is_ahead_are_dropped() -> None:
     assert laser.drop_newer(10.0, 0.5) == 0.0 and laser.newest == 10.0 and Laser(0.5).newest == -math.inf
 
 
+@pytest.mark.parametrize("rate", [10, 200])
+def test_scans_wait_for_late_odometry_at_any_rate(rate: int) -> None:
+    """Odometry that is 0.4 s late reached no scan of a fast laser: only the last 20 were kept, which are of 0.1 s at 200 Hz."""
+    laser, reached = Laser(0.5), list[float]()
+    for k in range(3 * rate):
+        t = k / rate
+        laser.receive(t, scan_of([1.0]))
+        if k % (rate // 10) == 0 and t > 0.39:
+            laser.moved(t - 0.39, (0.0, 0.0, 0.0))
+            found = newest_reached(laser.waiting, t - 0.39)
+            reached += [] if found is None else [found[0]]
+            assert laser.drop_newer(t - 0.39, 0.5) == 0.0
+    assert len(reached) > 20 and max(np.diff(reached)) < 0.11
+
+
 def test_a_scan_with_too_few_valid_beams_is_none():
     """D14: a laser that is covered, or whose numbers make no sense, does not say that the place is empty."""
     nan, inf = math.nan, math.inf

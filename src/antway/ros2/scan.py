@@ -30,6 +30,7 @@ _HIDDEN = 2.0  # 1; the centre of a disc that is hidden in part is uncertain by 
 _SCANS = 3  # number of scans in which a disc has shown its rim before it counts as one
 FIRST_ID = 10**15  # the node's own ids are counted from here on: far from those of sensors, and below those of the policy
 _LEG = 0.12  # m; people's legs are no wider, and do not count as discs
+_WAITING = 200  # number of scans that may wait for odometry, which may be late by as much as `timeout` even with fast lasers
 
 
 class Discs(NamedTuple):
@@ -106,7 +107,7 @@ class Laser:
 
     def __init__(self, longest: float) -> None:
         self.longest = longest
-        self.waiting: deque[tuple[float, Any]] = deque(maxlen=20)  # scans, with the times of their last beams in s
+        self.waiting: deque[tuple[float, Any]] = deque(maxlen=_WAITING)  # scans, with the times of their last beams in s
         self.trail: deque[tuple[float, Pose]] = deque()  # where the robot was, with times in s
 
     def _sweep(self, message: Any) -> float:
