@@ -1013,6 +1013,8 @@ def test_a_footprint_is_as_nav2_writes_it() -> None:
     robot = Settings.of(defaults() | {"robot.drive": "differential", "robot.footprint": box}).robot
     assert robot.footprint is not None and robot.radius == pytest.approx(math.hypot(0.3, 0.2))
     assert settings(**{"robot.footprint": "[ [.3, .2], [.3, -.2], [-.3, -.2], [-.3, .2], ]"}).robot.footprint == robot.footprint
+    closed = box.replace("]]", "], [0.3, 0.2]]")
+    assert settings(**{"robot.footprint": closed}).robot.footprint == robot.footprint, "the first corner may be the last, too"
     for disc in ("", "[]", " [ ] "):
         assert settings(**{"robot.footprint": disc}).robot.footprint is None
     for wrong in ("[[0.3, 0.2]", "{}", "[[0, 0], [1, 1], [1, 0], [0, 1]]", "[1, 2, 3]", "None", "[" * 10**5, 3.0):

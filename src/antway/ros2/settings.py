@@ -175,6 +175,8 @@ def _footprint(text: object) -> Any:
         found = ()
     if not isinstance(found, list):
         raise BadParameter("footprint", text, allowed)
+    if len(found) > 3 and found[-1] == found[0]:  # a polygon that is closed, which Nav2 takes, too
+        del found[-1]
     return found or None
 
 
