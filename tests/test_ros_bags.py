@@ -77,6 +77,17 @@ def test_a_start_that_no_stamp_holds_is_refused_before_a_folder_is_there(tmp_pat
     assert save_bag(trace, tmp_path / "bag", start=2.0**31 - 1.0 - float(trace.t[-1]))["/odom"] == len(trace) + 1
 
 
+@pytest.mark.parametrize("place", ["file/bag", "no\0name", None])
+def test_where_no_bag_can_be_written_is_told(tmp_path, place: str | None) -> None:
+    """It was an error of the system, as it was for what is no trace."""
+    (tmp_path / "file").touch()
+    with pytest.raises(BadParameter, match="bag = .*path"):
+        save_bag(sample_trace(steps=2), place and f"{tmp_path}/{place}")
+    with pytest.raises(BadParameter, match="trace = None"):
+        save_bag(None, tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
+
+
 def test_of_many_maps_only_the_last_is_kept(tmp_path) -> None:
     """A bag of slam_toolbox holds a map each 5 s: all of them together used to be too large for the memory of the reader."""
     grids = [Grid(np.zeros((3, 4 + k), bool), 0.5) for k in range(3)]

@@ -24,6 +24,7 @@ from antway.reading import check_yaml, limit_process, read_bytes
 from antway.ros2 import convert
 from antway.world.policy import Command, RobotSpec, Tracks
 from antway.world.trace import Trace
+from antway.writing import writing
 
 MAX_BYTES = 2**30  # limit of a bag, of the memory for reading it, and of a file unpacked from it
 MAX_METADATA = 2**20  # limit of bytes of metadata.yaml
@@ -83,30 +84,32 @@ def save_bag(trace: Trace, path: str | Path, *, storage: str = "mcap", start: fl
     Raises
     ------
     BadParameter
-        For a storage other than mcap and sqlite3, and a `start` with which the trace ends at 2^31 s or later.
+        For a storage other than mcap and sqlite3, a `start` with which the trace ends at 2^31 s or later, and a path that cannot
+        be written to.
     BadScenario
         If `path` exists.
     """
+    checks.instance("trace", trace, Trace)
     plugin = STORES[checks.choice("storage", storage, STORES)]
     start, last = checks.number("start", start, low=0.0, unit="s"), float(trace.t[-1])
     if start + last >= 2.0**31:
         raise BadParameter(
             "start", start, f"so early that the trace, of {last:g} s, ends before 2^31 s: stamps hold no later times"
         )
-    path = Path(path)
-    if path.exists():
-        raise BadScenario("bag", str(path), "a folder that does not exist yet")
     counts = dict.fromkeys(_KINDS, 0)
-    with Writer(path, version=9, storage_plugin=plugin) as writer:
-        topics = {
-            topic: writer.add_connection(
-                topic, kind, typestore=_TYPES, offered_qos_profiles=[_LATCHED] if topic == "/map" else []
-            )
-            for topic, kind in _KINDS.items()
-        }
-        for topic, t, message in _messages(trace, start):
-            writer.write(topics[topic], round((start + t) * 1e9), _TYPES.serialize_cdr(message, _KINDS[topic]))
-            counts[topic] += 1
+    with writing("bag", path) as folder:
+        if folder.exists():
+            raise BadScenario("bag", str(folder), "a folder that does not exist yet")
+        with Writer(folder, version=9, storage_plugin=plugin) as writer:
+            topics = {
+                topic: writer.add_connection(
+                    topic, kind, typestore=_TYPES, offered_qos_profiles=[_LATCHED] if topic == "/map" else []
+                )
+                for topic, kind in _KINDS.items()
+            }
+            for topic, t, message in _messages(trace, start):
+                writer.write(topics[topic], round((start + t) * 1e9), _TYPES.serialize_cdr(message, _KINDS[topic]))
+                counts[topic] += 1
     return counts
 
 
