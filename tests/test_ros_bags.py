@@ -81,7 +81,7 @@ def test_a_start_that_no_stamp_holds_is_refused_before_a_folder_is_there(tmp_pat
 def test_where_no_bag_can_be_written_is_told(tmp_path, place: str | None) -> None:
     """It was an error of the system, as it was for what is no trace."""
     (tmp_path / "file").touch()
-    with pytest.raises(BadParameter, match="bag = .*path"):
+    with pytest.raises(BadParameter, match=r"bag = .*path"):
         save_bag(sample_trace(steps=2), place and f"{tmp_path}/{place}")
     with pytest.raises(BadParameter, match="trace = None"):
         save_bag(None, tmp_path / "bag")

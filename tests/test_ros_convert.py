@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -130,6 +131,7 @@ def test_plans_come_back_as_they_were():
         assert (convert.read_path(message) == plan.xy(grid)).all()
         yaws = [convert.read_pose(one.pose)[2] for one in message.poses]
         assert yaws[-1:] == (yaws[-2:-1] or [0.0] * len(yaws))
+    assert convert.read_pose(convert.path_message([(1.0, 2.0)]).poses[0].pose) == (1.0, 2.0, 0.0)
     with pytest.raises(BadInput, match=r"poses\[0\].*position.x = nan"):
         convert.read_path(convert.path_message([(math.nan, 0.5)]))
 
@@ -138,6 +140,8 @@ def test_commands_come_back_as_they_were():
     """A holonomic command turned into the robot's frame and back is the same velocity; a differential one keeps the limits."""
     rng = np.random.default_rng(3)
     disc, cart = RobotSpec(), RobotSpec(drive="differential", a_max=0.8, turn_rate=1.0, dynamics="steps")
+    wheels = convert.twist_message(Command(twist=(0.4, -0.7)), (0.0, 0.0), 1.0, RobotSpec(drive="differential"))
+    assert (wheels.linear.x, wheels.linear.y, wheels.angular.z) == (0.4, 0.0, -0.7)
     for _ in range(cases(200, 5_000)):
         velocity, heading = rng.uniform(-1, 1, 2), rng.uniform(-math.pi, math.pi)
         twist = convert.twist_message(Command(tuple(velocity)), (0.0, 0.0), heading, disc)
@@ -336,6 +340,27 @@ def test_an_update_with_costs_that_are_none_is_refused(cost: float) -> None:
         reader.update(change)
     change.data = [0, -1]
     assert reader.update(change).blocked.tolist() == [[True, False, True], [True, True, True]]
+
+
+def test_an_update_changes_its_window_or_is_refused_where_that_is_not_on_the_map() -> None:
+    """Every window of a small map and beyond it, by its corner and size."""
+    rng, header, (rows, cols) = np.random.default_rng(8), convert.header_message(1.0, "map"), (3, 4)
+    for x, y, width, height in product(range(-1, cols + 1), range(-1, rows + 1), range(cols + 2), range(rows + 2)):
+        reader, costs = convert.MapReader("map", 50), rng.integers(-1, 101, (rows, cols)).astype(np.int8)
+        reader.read(convert.costs_message(costs, 0.5, (1.0, 2.0, 0.3)))
+        part = rng.integers(-1, 101, (height, width)).astype(np.int8)
+        change = convert.plain("", header=header, x=x, y=y, width=width, height=height, data=part.ravel())
+        if not (0 <= x < cols and 0 <= y < rows and x + width <= cols and y + height <= rows):
+            with pytest.raises(BadParameter, match="OccupancyGridUpdate"):
+                reader.update(change)
+            continue
+        found, before = reader.update(change), costs.copy()
+        for i, j in np.ndindex(height, width):
+            costs[y + i, x + j] = part[i, j]
+        if (costs == before).all():
+            assert found is None
+        else:
+            assert found == convert.read_grid(convert.costs_message(costs, 0.5, (1.0, 2.0, 0.3)), occupied=50)
 
 
 def test_a_map_or_an_update_without_a_stamp_is_not_older() -> None:

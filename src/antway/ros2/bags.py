@@ -84,8 +84,8 @@ def save_bag(trace: Trace, path: str | Path, *, storage: str = "mcap", start: fl
     Raises
     ------
     BadParameter
-        For a storage other than mcap and sqlite3, a `start` with which the trace ends at 2^31 s or later, and a path that cannot
-        be written to.
+        For a storage other than mcap and sqlite3, a `start` with which the trace ends at 2^31 s or later, and a path that
+        cannot be written to.
     BadScenario
         If `path` exists.
     """
