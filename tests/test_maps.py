@@ -155,6 +155,9 @@ def test_grey_trap(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_bytes(text)
     grid = load_map(tmp_path / "a.yaml")
     assert grid.unknown is not None and grid.unknown.tolist() == [[True, True, False, False]]
+    (tmp_path / "a.yaml").write_bytes(text.replace(b"trinary", b"scale"))  # a threshold of 0.196 was advised, which it has
+    with pytest.warns(GreyTrapWarning, match=r"2 cells .* because in mode scale .* set mode to trinary"):
+        assert load_costs(tmp_path / "a.yaml").tolist() == [[0, 0, 100, 0]]
 
 
 def test_a_picture_of_noughts_and_ones(tmp_path: Path) -> None:

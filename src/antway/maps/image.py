@@ -30,7 +30,7 @@ Picture = tuple[NDArray[np.uint8], NDArray[np.bool_] | None]  # grey 0 to 255, a
 
 
 class GreyTrapWarning(UserWarning):
-    """Cells that were saved as unknown load as free, because `free_thresh` is too high, or all greys are 0 or 1 of 255."""
+    """Cells that were saved as unknown load as free, by `free_thresh` or `mode`, or all greys are 0 or 1 of 255."""
 
 
 def read(path: Path, limits: Limits, occupied: int = 50) -> Grid:

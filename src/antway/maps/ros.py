@@ -80,9 +80,12 @@ def _costs(about: _Description, path: Path, limits: Limits, level: int) -> NDArr
     if table[UNKNOWN_GREY] == 0 and not about.negate:
         trapped = int(np.count_nonzero((grey == UNKNOWN_GREY) & (costs == 0)))
         if trapped:
+            why = f"free_thresh is {about.free_thresh:g}; set free_thresh to 0.196 (anything below 0.19607)"
+            if about.mode == "scale":
+                why = "in mode scale only transparent pixels are unknown; set mode to trinary and free_thresh to 0.196"
             warnings.warn(
                 f"{path}: {trapped} cells have grey {UNKNOWN_GREY}, written by map_saver for unknown, but load as free because "
-                f"free_thresh is {about.free_thresh:g}; set free_thresh to 0.196 (anything below 0.19607) to keep them unknown",
+                f"{why} to keep them unknown",
                 GreyTrapWarning,
                 stacklevel=level,
             )
