@@ -276,8 +276,10 @@ def test_the_tracker_names_and_measures():
         np.testing.assert_allclose(lost.covariance[:, 0, 2], spread[:, 0, 2] + 0.5 * spread[:, 2, 2])
         assert len(lost) == n and len(tracker.update(t + 1.5, Tracks.none())) == 0
         assert len(tracker.update(0.0, without_ids(xy, np.full(n, 0.3)))) == n, "time that goes back begins anew"
-    named = Tracks(np.array([7]), np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
-    assert ScanTracker().update(0.0, named) is named
+    first = Tracks(np.array([0]), np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
+    named = replace(first, id=np.array([7]))
+    for complete in (first, named):
+        assert ScanTracker().update(0.0, complete) is complete
     unknown = replace(named, velocity=np.full((1, 2), math.nan))
     assert ScanTracker().update(0.0, unknown).id.tolist() == [7]
 
