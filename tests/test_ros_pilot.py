@@ -1203,6 +1203,37 @@ def toward_the_wall(room: float, y: float, robot: dict, *event: object, horizon:
     return policy
 
 
+@pytest.mark.parametrize("silent", ["obstacles", "odometry"])
+@pytest.mark.parametrize("clock", [0.0, 1.7e9])
+def test_after_a_silence_it_drives_on_by_any_clock(silent: str, clock: float) -> None:
+    """The stop counted from 1970 and the policy from its start: for the guard the clock had gone back, and it braked on."""
+    drive, velocity = Drive(**{"robot.name": "diff", "robot.drive": ""}), 0.0
+    drive.t = clock
+    drive.pilot.receive_map(ROOM)
+    drive.pilot.go(Goal((10.0, 2.0)))
+
+    def step(dt: float = 0.1, seen: bool = True) -> PilotAnswer | None:
+        nonlocal velocity
+        drive.t, drive.now, drive.xy = drive.t + dt, drive.now + dt, (drive.xy[0] + dt * velocity, 2.0)
+        drive.pilot.scan = (drive.t, NOBODY) if seen else drive.pilot.scan
+        answer = drive.pilot.receive_odometry(Odometry(drive.t, drive.xy, (velocity, 0.0), 0.0), drive.now)
+        velocity = velocity if answer is None else (answer.command.twist or (0.0, 0.0))[0]
+        return answer
+
+    for _ in range(15):
+        step()
+    assert velocity > 0.5
+    if silent == "obstacles":
+        while drive.pilot.guard is not None:
+            step(seen=False)
+    else:
+        assert "no odometry" in drive.pilot.silent(0.3, 0.3).reason
+        velocity = (drive.pilot.command.twist or (0.0, 0.0))[0]
+        step(0.4)
+    answers = [step() for _ in range(20)]
+    assert velocity > 0.5 and answers[-1].reason.startswith("follow"), answers[-1]
+
+
 @pytest.mark.parametrize(
     ("robot", "room", "y"),
     [

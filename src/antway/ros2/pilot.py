@@ -236,7 +236,8 @@ class Pilot:
             return self._hold(*self.why)
         if guard is not None and o is not None:
             at = frames.move_odometry(frames.inverse(self.guard_frame), o)
-            seen = Observation(at.t, at.xy, at.velocity, at.heading, Tracks.none())
+            # It senses nothing, at no time: the clock of a policy's guard counts from when the policy started.
+            seen = Observation(at.t, at.xy, at.velocity, at.heading, Tracks.none(), -math.inf)
             if isinstance(guard, GuardProcess):
                 self.number = guard.observe(seen)
                 acts = guard.limit(self.number, None).command.acts(seen, self.settings.robot)
