@@ -7,7 +7,7 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import astuple, replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -24,7 +24,7 @@ from antway.policies.antway import beside
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard_process import GuardProcess
 from antway.ros2 import compile as compiling
-from antway.ros2 import convert, markers, nav2, tours
+from antway.ros2 import convert, frames, markers, nav2, tours
 from antway.ros2.frames import Odometry
 from antway.ros2.goals import ERROR, OK, STAND, WARN, End, Goal, PilotAnswer
 from antway.ros2.markers import decision_message, predictions, predictions_message
@@ -75,6 +75,12 @@ def test_a_corridor_is_what_lies_near_the_way():
             steps = max(math.ceil(2.0 * np.abs(np.diff(other, axis=0)).max() / 0.25), 1)  # each of half a cell at most
             cells = np.floor(part.to_points(np.linspace(*other, steps + 1)) + 0.5).astype(int).tolist()
             assert keeps_near(grid, path, other, width) == all(part.is_free((row, col)) for row, col in cells)
+    beside = corridor(Grid(np.zeros((7, 9), bool)), np.array([[-3.5, -3.5], [3.5, 3.5], [12.5, 3.5]]), 2.0)
+    cells = np.argwhere(np.ones(beside.shape, bool))  # the path is off the map at both ends, and the corridor ends with that
+    near = np.array([*((k, k) for k in range(4)), *((3, k) for k in range(4, 9))])
+    near_enough = np.hypot(*(cells[:, None] - near).transpose(2, 0, 1)).min(axis=1) <= 2.0
+    assert beside.shape == (6, 9) and (beside.blocked.ravel() == ~near_enough).all()
+    assert corridor(Grid(np.zeros((7, 9), bool)), np.array([[4.5, 6.5]]), 1.0).shape == (2, 3), "with the last row"
     straight = np.array([[1.0, 1.0], [9.0, 1.0]])
     assert keeps_near(ROOM, straight, straight + np.array([0.0, 0.4]), 0.5)
     assert not keeps_near(ROOM, straight, np.array([[1.0, 1.0], [9.0, 3.0]]), 0.5)
@@ -97,10 +103,14 @@ def test_tracking_measures_from_the_nearest_point():
         assert math.isclose(abs(found.aside), away.min(), abs_tol=0.01)
         i = int(away.argmin())
         assert math.isclose(found.left, np.hypot(*np.diff(dense[i:], axis=0).T).sum(), abs_tol=0.02) or found.index != i // 2000
+        frame = (*rng.uniform(-9, 9, 2), rng.uniform(-3, 3))
+        turned = tracking(frames.move(frame, path), frames.move_point(frame, xy), frame[2])
+        if np.hypot(*(path - xy).T).min() > abs(found.aside) + 1e-6:  # else two segments are equally near
+            assert astuple(turned) == pytest.approx(astuple(found), abs=1e-9), "whatever the direction"
     straight = np.array([[0.0, 0.0], [4.0, 0.0]])
     assert tracking(straight, (1.0, -0.5), 0.0).aside == -0.5, "to the right of the way"
     assert tracking(straight, (1.0, 0.0), -0.3).turned == 0.3, "turned to the right of the way"
-    assert tracking(straight[:1], (3.0, 4.0), 0.0).left == 5.0
+    assert astuple(tracking(straight[:1], (3.0, 4.0), 0.5)) == (0, 0.0, 0.0, 5.0)
     repeated = tracking(straight[[0, 0, 0, 1, 1]], (-0.1, 0.5), 1.0)
     assert repeated == replace(tracking(straight, (-0.1, 0.5), 1.0), index=2), "a vertex may be repeated"
     assert tracking(straight[[0, 0]], (3.0, 4.0), 0.0).left == 0.0
