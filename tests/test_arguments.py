@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 import antway
-from antway import Grid, Plan, Problem, RobotSpec, Tracks, load_scenario, plan, plan_tour, run, solve
+from antway import POLICIES, Grid, Plan, Problem, RobotSpec, Tracks, load_scenario, make_policy, plan, plan_tour, run, solve
 from antway.ants.tsp import Tsp
-from antway.errors import BadInput, InvalidPlan
+from antway.errors import BadInput, BadParameter, InvalidPlan
 from antway.tours.time_windows import Tsptw
+from antway.world.policy import Foresees
 
 WRONG = (
     *(np.zeros(3), np.array(3.0), np.zeros((0, 2)), np.array(["a"]), np.array(["a", "b"]), np.array([None])),
@@ -97,6 +98,24 @@ def test_wrong_arguments_end_in_typed_errors(name: str, tmp_path: Any, monkeypat
             except Exception as error:
                 untyped.append(f"{argument}={wrong!r}: {error!r}")
     assert not untyped
+
+
+def test_policies_refuse_what_is_no_task_or_no_seed() -> None:
+    """So does each policy at its reset."""
+    task, timeline = PAPER.task, PAPER.world.timeline(0, 1.0)
+    for name in POLICIES:
+        for wrong in ((3, 0), (None, 0), (task, -1), (task, 0.5), (task, "x")):
+            policy = make_policy(name)
+            if isinstance(policy, Foresees):
+                policy.foresee(timeline)
+            with pytest.raises(BadParameter, match="seed" if wrong[0] is task else "task"):
+                policy.reset(*wrong)
+
+
+def test_a_plan_refuses_an_option_that_is_an_argument_of_solve() -> None:
+    """`plan` makes the problem itself."""
+    with pytest.raises(BadParameter, match="problem"):
+        plan(**IN_METRES, problem=3)
 
 
 def test_nothing_public_is_left_out() -> None:

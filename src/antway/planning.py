@@ -394,6 +394,8 @@ def plan(
     1.0
     """
     checks.instance("grid", grid, Grid)
+    if "problem" in options:
+        raise BadParameter("problem", options["problem"], "left out: it is made of grid, start, goal and moves")
     inflated = grid.inflate(robot_radius)
     source, target = (standing_cell(name, xy, grid, inflated, robot_radius) for name, xy in (("start", start), ("goal", goal)))
     problem = Problem(inflated, source, target, moves)

@@ -75,6 +75,8 @@ class Neural(Avoider):
 
     def reset(self, task: Task, seed: int) -> None:
         """Compute the stationary activity on the empty map."""
+        checks.instance("task", task, Task)
+        checks.seed(seed)
         self.task, grid, size = task, task.grid, task.grid.resolution
         self.kept = self.margin + size
         closed = grid.inflate(diagonal_radius(task)).blocked

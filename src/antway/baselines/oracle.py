@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from antway import checks
 from antway.baselines.replan import arrival_time, drive, searches_for
 from antway.errors import BadParameter
 from antway.kernels.base.records import Trajectories
@@ -44,6 +45,8 @@ class Oracle:
 
     def reset(self, task: Task, seed: int) -> None:
         """Plan the whole path, from 0 s on; `foresee` comes before."""
+        checks.instance("task", task, Task)
+        checks.seed(seed)
         if self.timeline is None:
             raise BadParameter("policy", "oracle", "another where the future is not known: `foresee` has not been called")
         self.task, self.is_first = task, True

@@ -46,6 +46,8 @@ class Follow:
 
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the distance field, for a robot with inertia with room to spare at walls if a path has that."""
+        checks.instance("task", task, Task)
+        checks.seed(seed)
         self.task, robot = task, task.robot
         spare = 0.0 if robot.stepwise or self.knows_inertia else robot.v_max * robot.dt / 2
         for width in sorted({robot.radius + spare, robot.radius}, reverse=True):

@@ -71,6 +71,8 @@ class RoundsPolicy:
 
     def reset(self, task: Task, seed: int) -> None:
         """Decide on the first order, and start."""
+        checks.instance("task", task, Task)
+        checks.seed(seed)
         self._clear()
         self.task, self.seed = task, seed
         self.now, self.xy = 0.0, task.start  # of the last observation

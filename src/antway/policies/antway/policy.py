@@ -150,13 +150,9 @@ class AntwayPolicy:
         return self.state
 
     def reset(self, task: Task, seed: int) -> None:
-        """Begin an episode.
-
-        Raises
-        ------
-        OutOfBounds, CellBlocked
-            If the robot does not fit at the start or at the goal.
-        """
+        """Begin an episode; it raises `OutOfBounds` or `CellBlocked` if the robot does not fit at the start or at the goal."""
+        checks.instance("task", task, Task)
+        checks.seed(seed)
         old, self._departs = self.state if self._departs else None, False
         rehearse(AntwayPolicy, task.robot, mode=self.mode, guard=self.guard is not None, controls=self.controls)
         self._beside, self._outdated, self._cut_off_at = None, False, task.start

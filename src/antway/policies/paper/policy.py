@@ -100,6 +100,8 @@ class PaperPolicy:
 
     def reset(self, task: Task, seed: int) -> None:
         """Steps 1 and 2: find the shortest path over the known map with Dijkstra's algorithm."""
+        checks.instance("task", task, Task)
+        checks.seed(seed)
         self.routes = StaticRoutes(task)
         self.guard = Guard() if self.routes.stops else None  # the paper's robot stops and turns at once and needs no guard
         if self.guard is not None:
