@@ -72,7 +72,8 @@ def test_theta_is_legal_and_no_shorter_than_optimal(method: str) -> None:
         check_plan(problem, plan)
         assert plan.status is best.status
         assert plan.length >= best.length * (1 - 1e-12)
-        assert not plan.optimal
+        assert plan.optimal == (plan.status is Status.FOUND and plan.gap == 0.0)
+        assert not plan.optimal or plan.length == pytest.approx(best.length, rel=1e-12)
         assert plan.status is Status.NO_PATH or plan.lower_bound <= best.length
 
 

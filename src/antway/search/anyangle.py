@@ -146,6 +146,7 @@ def _found(problem: Problem, path: NDArray[np.int64], expanded: int, clock: Cloc
     points = (path - 1) / 2
     res = problem.grid.resolution
     length = math.fsum(np.hypot(*np.diff(points, axis=0).T)) * res
+    optimal = optimal or len(path) <= 2  # nothing is shorter than a straight line
     bound = length if optimal else min(length, math.dist(problem.start, problem.goal) * res)
     cells = theta.cells_along(problem.grid.blocked, path)
     return Plan(Status.FOUND, cells, length, optimal, expanded, clock.elapsed(), bound, points)
