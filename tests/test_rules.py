@@ -264,3 +264,13 @@ def test_no_parameter_is_negative(kind):
         with pytest.raises(BadParameter) as caught:
             kind(**{name: -1})
         assert caught.value.field == name
+
+
+@pytest.mark.parametrize("rule", [ElitistAntSystem(q=1e100, elite=1e100), MaxMinAntSystem(q=1e100), AntSystem(q=1e100)])
+def test_pheromone_stays_finite_at_the_limits_of_parameters(rule):
+    """Even where cities are so near to each other that Q / L exceeds what a float holds."""
+    rng = np.random.default_rng(4)
+    for instance in (Tsp(rng.random((10, 2)) * 1e-150), Tsp(matrix=np.full((10, 10), 1e-290))):
+        colony = Colony(instance, rule)
+        assert colony.run(3, np.empty((3, 2))) >= 1
+        assert np.isfinite(colony.pheromone).all() and (colony.pheromone > 0.0).all()

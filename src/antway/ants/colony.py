@@ -17,7 +17,7 @@ from antway.ants.tsplib import Tsp, permutation
 from antway.errors import BadParameter, TooLarge
 from antway.kernels.colony import tour as cities_kernel
 from antway.kernels.colony import tsp as kernel
-from antway.kernels.colony.pheromone import Numbers, limits
+from antway.kernels.colony.pheromone import CEILING, Numbers, limits
 from antway.kernels.colony.pheromone import persistence as persistence_of
 
 MAX_EDGES = 30_000_000  # limit of cities times candidates, about 60 bytes each; all pairs of a matrix are fewer
@@ -108,7 +108,7 @@ class Colony:
         if self.numbers.p_best > 0.0:  # rules with limits begin with tau_max, for which only the length matters
             rho = persistence_of(self.numbers.persistence_rule, 1.0, 0.0, 0, 0.0)
             _, first = limits(self.numbers, rho, greedy, 2, 2.0)
-        record[kernel.TAU_0] = tau[:] = first
+        record[kernel.TAU_0] = tau[:] = min(first, CEILING)
         if pheromone is not None:
             field = checks.array("pheromone", pheromone, (n, k))
             if not (field > 0.0).all():

@@ -12,6 +12,7 @@ from antway.kernels.base.jit import kernel
 
 CONSTANT, ADAPTIVE, PRINTED, DECAY, BY_QUALITY = range(5)  # kinds of persistence, see `antway.ants.persistence`
 FLOOR = 1e-150  # least pheromone of an edge that no ant takes, so that it is always > 0
+CEILING = 1e150  # largest amount of a deposit and largest initial pheromone, so that sums and products of them are finite
 _NO_SCHEDULE = np.empty((0, 2), dtype=np.int64)
 
 
@@ -70,9 +71,9 @@ def limits(numbers: Numbers, rho: float, best: float, nodes: int, choices: float
 
     rho is the persistence of the strongest edge; an evaporation below 1/1000 counts as 1/1000.
     tau_max = Q / ((1 - rho) best), tau_min = tau_max (1 - p) / ((choices - 1) p) with p = p_best ** (1 / nodes)
-    (Stuetzle, Hoos 2000).
+    (Stuetzle, Hoos 2000), and both are at most CEILING.
     """
-    tau_max = numbers.q / (max(1.0 - rho, 1e-3) * best)
+    tau_max = min(numbers.q / (max(1.0 - rho, 1e-3) * best), CEILING)
     p = numbers.p_best ** (1.0 / nodes)
     return min(tau_max, tau_max * (1.0 - p) / (max(choices - 1.0, 1e-9) * p)), tau_max
 

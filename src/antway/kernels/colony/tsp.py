@@ -13,7 +13,7 @@ from antway.kernels.base.arrays import Floats
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.colony.local_search import LOGGED, Search, flip, improve, push, set_tour, settle, undo, workspace
-from antway.kernels.colony.pheromone import Numbers, best_deposits, clip, evaporate, limits, persistence
+from antway.kernels.colony.pheromone import CEILING, Numbers, best_deposits, clip, evaporate, limits, persistence
 from antway.kernels.colony.tour import Cities, Ids, Index, column, distance
 
 # Elements of `ColonyState.record`.
@@ -214,6 +214,7 @@ def local_update(cities: Cities, colony: ColonyState, numbers: Numbers, i: Index
 @bare_kernel
 def deposit(near: Ids, tau: Floats, order: Ids, keep: float, amount: float) -> None:
     """tau <- keep tau + amount on the edges of the tour that are candidates, at both ends."""
+    amount = min(amount, CEILING)
     i = order[-1]
     for j in order:
         c = column(near, i, j)
