@@ -124,6 +124,24 @@ def test_workers_and_order_change_nothing(jobs, alone, tmp_path, workers):
     assert same(tmp_path / "r.db") == alone
 
 
+def test_a_million_episodes_take_no_memory_before_they_are_played():
+    """They are made one at a time, in the order of number, group and policy."""
+    few, many = (table_jobs(episodes("synthetic", count), POLICIES) for count in (3, 1_000_000))
+    assert list(few) == list(many[: len(few)]) and len(many) == len(few) * 1_000_000 // 3
+    assert [job.policy for job in few[:2]] == POLICIES and many[-1].episode.number == 999_999
+    assert [job.episode for job in few[::2]] == list(episodes("synthetic", 3))
+    assert [job.key for job in reversed(few)] == [job.key for job in few][::-1]
+
+
+def test_a_trace_that_could_not_be_read_again_is_not_kept(monkeypatch):
+    """The report would end with an error at it, after all episodes had been played."""
+    job = Job(episodes("synthetic", 1)[0], "stop")
+    row, trace = engines.play(job)
+    monkeypatch.setattr("antway.world.tracefile.MAX_LISTS", 3)
+    again, none = engines.play(job)
+    assert row.outcome == again.outcome != "reached" and trace and not none
+
+
 def words(out, *more, suite="synthetic"):
     """What follows `antway bench`."""
     return [suite, "--episodes", "1", "--policies", "follow", "--workers", "2", "--out", str(out), *more]

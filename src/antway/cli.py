@@ -320,7 +320,9 @@ def bench_command(
     with Results(out / "results.db") as results:
         with episode_bar(jobs[0].episode.suite, len(jobs)) as advance:
             engines.bench(jobs, results, engine=engine, workers=cores, timeout=timeout, done=lambda row: advance())
-        every, wanted = results.rows(), {job.key for job in jobs}
+        every = results.rows()
+        known = {row.key for row in every}
+        wanted = {key for job in jobs if (key := job.key) in known}
         rows = [row for row in every if row.key in wanted]
         with working("writing the report"), writing("out", out):
             for kind in kinds:
@@ -328,7 +330,7 @@ def bench_command(
             text = "\n".join(f"## {name}\n\n{markdown(played)}" for name, played in sorted(sections(every).items()))
             (out / "summary.md").write_text(text, encoding="utf-8")
             write_report(results, out / "report.html")
-    table = summarise(rows, list(dict.fromkeys(job.key[2] for job in jobs)))
+    table = summarise(rows, list(dict.fromkeys(job.key[2] for job in jobs[: len(names)])))
     if json:
         print_json({"suite": jobs[0].episode.suite, "summaries": [asdict(one) for one in table], "out": str(out)})
     else:

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -28,18 +28,18 @@ from antway import checks
 from antway.arena import metrics
 from antway.arena.causes import with_cause
 from antway.arena.store import Key, Results, Row
-from antway.arena.suites import SuiteEpisode, content_hash, stage
+from antway.arena.suites import Made, SuiteEpisode, content_hash, stage
 from antway.errors import BadParameter
 from antway.processes import uninterrupted
 from antway.version import __version__
 from antway.world.episode import run
 from antway.world.policy import make_policy
 from antway.world.trace import Outcome
-from antway.world.tracefile import to_json
+from antway.world.tracefile import beyond_limits, to_json
 
 TIMEOUT = 120.0  # s; wall time after which an episode is abandoned
 ENGINES = ("local", "ray")
-Answer = tuple[Row, str]  # the row, and the JSON of the trace if the episode failed, else ""
+Answer = tuple[Row, str]  # the row, and the JSON of the trace if the episode failed and it can be read again, else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,8 @@ def play(job: Job) -> Answer:
         cycle_p99=result.cycle(99),
         cycle_max=result.cycle(100),
     )
-    return row, "" if result.reached else to_json(trace)
+    text = "" if result.reached else to_json(trace)
+    return row, "" if beyond_limits(trace, text) else text  # what cannot be read again would end the report
 
 
 def bench(
@@ -333,7 +334,7 @@ def _label(policy: str) -> str:
     return f"{policy}-{content_hash(file)}"
 
 
-def table_jobs(episodes: Iterable[SuiteEpisode], policies: Iterable[str]) -> list[Job]:
+def table_jobs(episodes: Sequence[SuiteEpisode], policies: Iterable[str]) -> Made[Job]:
     """Return the jobs of all policies on all episodes. `oracle` is not needed: every row has its optimum.
 
     Raises
@@ -347,4 +348,9 @@ def table_jobs(episodes: Iterable[SuiteEpisode], policies: Iterable[str]) -> lis
         if names.count(name) > 1:
             raise BadParameter("policies", name, "given once")
     labels = [_label(name) for name in names]
-    return [Job(episode, name, label) for episode in episodes for name, label in zip(names, labels)]
+
+    def made(place: int) -> Job:
+        episode, policy = divmod(place, len(names))
+        return Job(episodes[episode], names[policy], labels[policy])
+
+    return Made(made, range(len(episodes) * len(names)))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import importlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TypeVar, overload
 
 import numpy as np
 import scipy
@@ -26,6 +27,7 @@ from antway.world.robots import ROBOTS, RobotSpec, load_robot
 from antway.world.scenario import Scenario
 from antway.world.terrain import terrain_of
 
+T = TypeVar("T")
 _ON = " on "  # separates the names of suite and robot
 _TRIES = 100  # limit of worlds drawn for a robot that does not fit into the first one
 SAMPLES = 200  # number of robots at constant velocity that measure how difficult an episode is
@@ -124,6 +126,25 @@ class Facts:
     difficulty: float
 
 
+class Made(Sequence[T]):
+    """A sequence whose items are made when they are asked for, since a million of them would fill the memory."""
+
+    def __init__(self, make: Callable[[int], T], places: range) -> None:
+        self.make, self.places = make, places
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @overload
+    def __getitem__(self, index: int) -> T: ...
+    @overload
+    def __getitem__(self, index: slice) -> Made[T]: ...
+    def __getitem__(self, index: int | slice) -> T | Made[T]:
+        if isinstance(index, slice):
+            return Made(self.make, self.places[index])
+        return self.make(self.places[index])
+
+
 def load_suite(spec: str) -> Suite:
     """Return the suite that `spec` names: a name of `SUITES`, or maps:FILE, tracks:FILE.
 
@@ -145,7 +166,7 @@ def load_suite(spec: str) -> Suite:
     return suite
 
 
-def episodes(spec: str, count: int | None = None, robot: str = "") -> list[SuiteEpisode]:
+def episodes(spec: str, count: int | None = None, robot: str = "") -> Made[SuiteEpisode]:
     """Return the first `count` episodes of each group (None: the default of the suite), ordered by number, then group.
 
     `robot`, a name or a file (`antway.world.robots.load_robot`), replaces the robot of the suite.
@@ -159,7 +180,13 @@ def episodes(spec: str, count: int | None = None, robot: str = "") -> list[Suite
     checks.instance("robot", robot, str)
     count = suite.default if count is None else checks.integer("episodes", count, low=1, high=1_000_000)
     name = _named(suite, robot)
-    return [SuiteEpisode(spec, name, group, number, robot) for number in range(count) for group in suite.groups]
+    groups = suite.groups
+
+    def made(place: int) -> SuiteEpisode:
+        number, group = divmod(place, len(groups))
+        return SuiteEpisode(spec, name, groups[group], number, robot)
+
+    return Made(made, range(count * len(groups)))
 
 
 @lru_cache(maxsize=4)
