@@ -31,6 +31,7 @@ _CLEARANCE_GROWTH = 0.25  # m/m; growth of the required clearance with the dista
 _LEAST_SPREAD, _MOST_SPREAD = 0.002, 0.5  # m; limits of the standard deviation of a move
 _WIDEST = 3  # control points; a move shifts fewer than this many on either side as well
 _LEAST_DROP = 1e-9  # s; a move that lowers the cost by less is undone
+_MOST_SAMPLES = 100_000_000  # limit of the samples whose speeds moves change: at tiny accelerations each changes most of them
 SAMPLES = 8  # samples on a span during the search
 
 
@@ -233,6 +234,7 @@ def _copy_samples(source: Curve, target: Curve, first: int, last: int) -> None:
 def improve(curve: Curve, old: Curve, s: Surroundings, limits: RobotLimits, trials: int, state: NDArray[np.uint64]) -> float:
     """Move control points of `curve` at random, `trials` times each, and keep moves that lower its cost; return the cost in s.
 
+    It ends before that once `_MOST_SAMPLES` speeds have been computed, which takes seconds.
     `old` is scratch of the same shape, `state`, uint64[1], that of the random generator.
     """
     n, m = len(curve.points), len(curve.xy)
@@ -241,26 +243,31 @@ def improve(curve: Curve, old: Curve, s: Surroundings, limits: RobotLimits, tria
     drive_along(curve, limits, 0, m - 2, old)
     spread = np.full(n, 0.1)
     total: float = curve.cost.sum()
+    computed = 0
     for _ in range(trials * (n - 2)):
         i, width = 1 + rng.below(state, n - 2), 1 + rng.below(state, _WIDEST)
         r = spread[i] * math.sqrt(-2.0 * math.log(1.0 - rng.uniform(state)))
         angle = 2.0 * math.pi * rng.uniform(state)
-        change = _try_move(curve, old, s, limits, i, width, r * math.cos(angle), r * math.sin(angle))
+        change, samples = _try_move(curve, old, s, limits, i, width, r * math.cos(angle), r * math.sin(angle))
         if change < 0.0:
             total += change
             spread[i] = min(spread[i] * 1.6, _MOST_SPREAD)
         else:
             spread[i] = max(spread[i] * 0.93, _LEAST_SPREAD)
+        computed += samples
+        if computed > _MOST_SAMPLES:
+            break
     return total
 
 
 @bare_kernel
 def _try_move(
     curve: Curve, old: Curve, s: Surroundings, limits: RobotLimits, i: int, width: int, dx: float, dy: float
-) -> float:
-    """Move control point i by (dx, dy) m and its neighbours by less; return by how much that changes the cost, s.
+) -> tuple[float, int]:
+    """Move control point i by (dx, dy) m and its neighbours by less.
 
-    If it does not lower the cost, it is undone, and 0 is returned.
+    Returns by how much that changes the cost, s, and the number of speeds computed. A move that does not lower the cost is
+    undone, and the change is 0.
     """
     n, m = len(curve.points), len(curve.xy)
     k = (m - 1) // (n + 1)
@@ -279,11 +286,11 @@ def _try_move(
     for j in range(start, end + 1):
         change += curve.cost[j] - old.cost[j]
     if change < -_LEAST_DROP:
-        return change
+        return change, b - lowest + end - start
     for j in range(low, high + 1):
         copy_row(old.points[j], curve.points[j])
     _copy_samples(old, curve, a, b)
     copy_row(old.high[lowest:b], curve.high[lowest:b])
     copy_row(old.square[start : end + 1], curve.square[start : end + 1])
     copy_row(old.cost[start : end + 1], curve.cost[start : end + 1])
-    return 0.0
+    return 0.0, b - lowest + end - start
