@@ -10,11 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from antway import Command, Observation, load_scenario, run, solve
+from antway import Command, Observation, Outcome, RobotSpec, load_scenario, run, solve
 from antway.baselines.replan import Follow
 from antway.conformance import check_planner, check_policy
 from antway.errors import BadParameter, InvalidPlan
 from antway.planning import PLANNERS, Budget, Plan, Status, find
+from antway.policies.guard import Guarded
 from antway.tables import SHIPPED_SCENES
 from antway.world.policy import POLICIES, make_policy
 
@@ -145,6 +146,17 @@ def test_breaches_are_named(kind, printed):
     """A policy that breaks the contract in one way is told which."""
     with pytest.raises(InvalidPlan, match=printed):
         check_policy(kind, seconds=0.01 if kind is Slow else 30.0)
+
+
+@pytest.mark.parametrize("make", [Turns, lambda: Guarded(Turns())])
+def test_a_twist_alone_is_refused_where_wheels_move_in_steps(make):
+    """They take a velocity: a robot with such a policy stood still without a word."""
+    driven = replace(load_scenario("paper"), robot=RobotSpec(drive="differential", dynamics="steps"))
+    result = run(driven, make(), horizon=0.3)
+    assert (
+        result.outcome is Outcome.ERROR
+        and 'command.twist = (0.5, 0.1): must be left out for the dynamics "steps"' in result.reason
+    )
 
 
 @pytest.mark.parametrize("wrong", ["antway", Follow()])

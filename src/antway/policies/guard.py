@@ -19,7 +19,19 @@ from antway.kernels.robot.brake import BENT, Robot
 from antway.kernels.robot.passing import fallback, passed_among
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
-from antway.world.policy import Command, Decision, Foresees, Observation, Policy, RobotSpec, Task, Tracks, as_policy, commanded
+from antway.world.policy import (
+    XY,
+    Command,
+    Decision,
+    Foresees,
+    Observation,
+    Policy,
+    RobotSpec,
+    Task,
+    Tracks,
+    as_policy,
+    commanded,
+)
 from antway.world.terrain import body_of, terrain_of, walls_of
 from antway.world.timeline import Timeline
 
@@ -212,7 +224,10 @@ class Guard:
             self.why = "the guard brakes, because there is no scan of now"
         else:  # what is in sight is remembered, even if there is no command
             self.last_stamp, tracks = stamp, self._within_reach(o, stamp)
-        acts = () if command is None else command.velocity if robot.wheels and self.dynamic is None else command.acts(o, robot)
+        acts: XY | tuple[()] = ()
+        if command is not None:
+            plain = robot.wheels and self.dynamic is None
+            acts = command.plain('the dynamics "steps"') if plain else command.acts(o, robot)
         if self.why or command is None or not all(map(math.isfinite, acts)):
             self.did = DID[kernel.BRAKED]
             return _STOP if self.dynamic is None else self.dynamic.stop(o)

@@ -60,8 +60,7 @@ class Task:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from antway import Grid, RobotSpec
+    >>> import numpy as np; from antway import Grid, RobotSpec
     >>> Task(Grid(np.zeros((40, 60), bool), 0.1), RobotSpec(radius=0.2), (1.0, 1.0), (5.0, 3.0)).goal
     (5.0, 3.0)
     """
@@ -203,8 +202,7 @@ class Observation:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from antway import Tracks
+    >>> import numpy as np; from antway import Tracks
     >>> nobody = Tracks(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
     >>> Observation(0.0, (1.0, 1.0), (0.5, 0.0), 0.0, nobody).speed
     0.5
@@ -274,14 +272,12 @@ class Command:
     Attributes
     ----------
     velocity : (vx, vy)
-        m/s in the world's frame: for holonomic robots, and for wheels where `twist` is None.
+        m/s in the world's frame: for holonomic robots, for the dynamics "steps", and for wheels where `twist` is None.
     twist : (v, omega) or None
-        For wheels: speed along the heading in m/s, negative in reverse, and turn rate in rad/s.
+        For other wheels: speed along the heading in m/s, negative in reverse, and turn rate in rad/s.
 
     Examples
     --------
-    >>> Command((0.5, 0.0)).velocity
-    (0.5, 0.0)
     >>> Command(twist=(0.4, -0.2)).twist  # wheels: 0.4 m/s, turning right
     (0.4, -0.2)
     """
@@ -296,10 +292,14 @@ class Command:
         drive forward with its component along the heading, never backwards. The heading is that at which the command acts.
         """
         if not robot.wheels:
-            if self.twist and any(self.twist) and not any(self.velocity):
-                raise BadParameter("command.twist", self.twist, "left out for a robot without wheels, which takes a velocity")
-            return self.velocity
+            return self.plain("a robot without wheels")
         return self.twist or towards(self.velocity, observation.state_at_action(robot).theta, robot)
+
+    def plain(self, of: str) -> XY:
+        """Return the velocity, which alone counts for a robot of a kind; a twist without one is refused."""
+        if self.twist and any(self.twist) and not any(self.velocity):
+            raise BadParameter("command.twist", self.twist, f"left out for {of}, which takes a velocity")
+        return self.velocity
 
 
 def commanded(one: float, two: float, heading: float, robot: RobotSpec) -> Command:

@@ -92,7 +92,8 @@ class Stage:
         if command is None:
             return math.nan, math.nan
         robot = self.task.robot
-        one, two = command.velocity if self.stepwise and robot.wheels else command.acts(observation, robot)
+        plain = self.stepwise and robot.wheels
+        one, two = command.plain('the dynamics "steps"') if plain else command.acts(observation, robot)
         return float(one), float(two)
 
     def drive(self, one: float, two: float) -> tuple[Outcome | None, str]:
