@@ -415,6 +415,8 @@ def test_a_goal_within_the_tolerance_of_the_start_spoils_no_interval():
     rows = [Row("s", f"e{k}", "p", k, "0", "g", "reached", "", time=0.6 * k, bound=0.5 * k) for k in range(3)]
     (one,) = summarise(rows)
     assert one.time_ratio == 1.2 and one.time_ratio_interval == (1.2, 1.2)
+    quick = replace(rows[1], time=0.06, bound=0.05)  # an optimum of less than a usual control period counts
+    assert summarise([quick])[0].time_ratio == pytest.approx(1.2)
 
 
 def test_a_goal_to_which_no_shortest_path_leads_spoils_no_mean():
