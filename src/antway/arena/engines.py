@@ -28,7 +28,7 @@ from antway import checks
 from antway.arena import metrics
 from antway.arena.causes import with_cause
 from antway.arena.store import Key, Results, Row
-from antway.arena.suites import Made, SuiteEpisode, content_hash, stage
+from antway.arena.suites import LazySequence, SuiteEpisode, content_hash, stage
 from antway.errors import BadParameter
 from antway.processes import uninterrupted
 from antway.version import __version__
@@ -334,7 +334,7 @@ def _label(policy: str) -> str:
     return f"{policy}-{content_hash(file)}"
 
 
-def table_jobs(episodes: Sequence[SuiteEpisode], policies: Iterable[str]) -> Made[Job]:
+def table_jobs(episodes: Sequence[SuiteEpisode], policies: Iterable[str]) -> LazySequence[Job]:
     """Return the jobs of all policies on all episodes. `oracle` is not needed: every row has its optimum.
 
     Raises
@@ -353,4 +353,4 @@ def table_jobs(episodes: Sequence[SuiteEpisode], policies: Iterable[str]) -> Mad
         episode, policy = divmod(place, len(names))
         return Job(episodes[episode], names[policy], labels[policy])
 
-    return Made(made, range(len(episodes) * len(names)))
+    return LazySequence(made, range(len(episodes) * len(names)))

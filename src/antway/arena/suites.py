@@ -126,7 +126,7 @@ class Facts:
     difficulty: float
 
 
-class Made(Sequence[T]):
+class LazySequence(Sequence[T]):
     """A sequence whose items are made when they are asked for, since a million of them would fill the memory."""
 
     def __init__(self, make: Callable[[int], T], places: range) -> None:
@@ -138,10 +138,10 @@ class Made(Sequence[T]):
     @overload
     def __getitem__(self, index: int) -> T: ...
     @overload
-    def __getitem__(self, index: slice) -> Made[T]: ...
-    def __getitem__(self, index: int | slice) -> T | Made[T]:
+    def __getitem__(self, index: slice) -> LazySequence[T]: ...
+    def __getitem__(self, index: int | slice) -> T | LazySequence[T]:
         if isinstance(index, slice):
-            return Made(self.make, self.places[index])
+            return LazySequence(self.make, self.places[index])
         return self.make(self.places[index])
 
 
@@ -166,7 +166,7 @@ def load_suite(spec: str) -> Suite:
     return suite
 
 
-def episodes(spec: str, count: int | None = None, robot: str = "") -> Made[SuiteEpisode]:
+def episodes(spec: str, count: int | None = None, robot: str = "") -> LazySequence[SuiteEpisode]:
     """Return the first `count` episodes of each group (None: the default of the suite), ordered by number, then group.
 
     `robot`, a name or a file (`antway.world.robots.load_robot`), replaces the robot of the suite.
@@ -186,7 +186,7 @@ def episodes(spec: str, count: int | None = None, robot: str = "") -> Made[Suite
         number, group = divmod(place, len(groups))
         return SuiteEpisode(spec, name, groups[group], number, robot)
 
-    return Made(made, range(count * len(groups)))
+    return LazySequence(made, range(count * len(groups)))
 
 
 @lru_cache(maxsize=4)

@@ -60,7 +60,8 @@ class Task:
 
     Examples
     --------
-    >>> import numpy as np; from antway import Grid, RobotSpec
+    >>> import numpy as np
+    >>> from antway import Grid, RobotSpec
     >>> Task(Grid(np.zeros((40, 60), bool), 0.1), RobotSpec(radius=0.2), (1.0, 1.0), (5.0, 3.0)).goal
     (5.0, 3.0)
     """
@@ -202,9 +203,8 @@ class Observation:
 
     Examples
     --------
-    >>> import numpy as np; from antway import Tracks
-    >>> nobody = Tracks(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
-    >>> Observation(0.0, (1.0, 1.0), (0.5, 0.0), 0.0, nobody).speed
+    >>> from antway import Tracks
+    >>> Observation(0.0, (1.0, 1.0), (0.5, 0.0), 0.0, Tracks.none()).speed
     0.5
     """
 
