@@ -50,6 +50,18 @@ def test_a_robot_comes_to_rest_at_the_goal(robot: str, stay: float) -> None:
     assert (away[first:].max() <= stage.task.goal_tolerance) == (stay > 0.0)
 
 
+@pytest.mark.parametrize("stay", [0.0, 1.0])
+@pytest.mark.parametrize("robot", [*WHEELS, "inertia"])
+def test_a_robot_at_the_goal_lets_pass_who_does_not_look(robot: str, stay: float) -> None:
+    """Somebody walks straight over the goal, later from the other side; the robot gets out of the way, and comes back."""
+    hall = _hall(robot)
+    walk = Replay((0.0, 9.0, 14.0, 19.0, 24.0), ((7.0, 3.8), (7.0, 3.8), (3.0, 0.2), (3.0, 0.2), (7.0, 3.8)))
+    stage = _played(replace(hall, world=World(hall.world.grid, (Obstacle(0.25, walk),))), 30.0, stay)
+    away = np.hypot(*(stage.xy - stage.task.goal).T)
+    assert away[90] <= stage.task.goal_tolerance < away[90:].max() < 2.5
+    assert away[-1] <= stage.task.goal_tolerance and not stage.velocity[-5:].any()
+
+
 @pytest.mark.parametrize("robot", WHEELS)
 def test_a_robot_could_stop_before_who_stands_behind_the_goal(robot: str) -> None:
     """Whoever brakes at the goal, or lets the policy drive on, touches nobody who stands a quarter of a metre behind it."""

@@ -16,7 +16,7 @@ from antway.kernels.controls.lookup import depth_in_wall
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead, spread_plan
 from antway.kernels.controls.path import same_path
-from antway.kernels.controls.problem import GOAL_SPEED, CostWeights, StaticField
+from antway.kernels.controls.problem import GOAL_SPEED, TOLERANCE, CostWeights, StaticField
 from antway.kernels.controls.seeds import SEEDS
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
@@ -83,6 +83,7 @@ class ControlColony:
         self.random = make_state(seed, 1)
         self._shown, self._best = np.full((2, steps + 1, 3), math.inf)  # t, x and y of paths
         self.began = 0.0  # s; when the last command begins to act
+        self.has_arrived = False  # whether the robot has been at the goal
         self.nearest, self.since = math.inf, 0.0  # s; the least time to the goal so far, and when the robot reached it
 
     def _by_response(self) -> tuple[Margins, SpeedBounds]:
@@ -165,12 +166,15 @@ class ControlColony:
         """
         rate, change = turns
         if math.dist(observation.xy, self.task.goal) <= self.task.goal_tolerance:  # it has arrived, and stays
+            self.has_arrived = True
             self._stand_at_goal()
         self.problem, self.began = self.problem._replace(start=state), start
         problem, margins = self.problem, self.margins
         outlook = problem.outlook
         call(look_ahead, segments, sigma, start, problem.dt, problem.start, self.bounds, margins, change, outlook)
         problem = problem._replace(weights=self._weights_now(start, state, rate, len(knots) > 0))
+        if self.has_arrived and self._is_met():
+            problem = problem._replace(field=_without_end(problem.field))
         if len(knots):
             early = self.options.trust
             if not outlook.near.any():
@@ -210,6 +214,15 @@ class ControlColony:
         depth = call(depth_in_wall, field, state)
         return weights if depth == 0.0 else weights._replace(wall_margin=-depth - _DEEPER)
 
+    def _is_met(self) -> bool:
+        """Tell whether an obstacle is expected to touch the robot if that stands at its place or, away from the goal, there."""
+        near, disc = self.problem.outlook.near[:-1], self.problem.outlook.disc[:-1]
+        (goal_x, goal_y), (x, y) = self.task.goal, self.problem.start[:2]
+        share = min(self.task.goal_tolerance / max(math.hypot(x - goal_x, y - goal_y), 1e-9), 1.0)
+        x, y = goal_x + share * (x - goal_x), goal_y + share * (y - goal_y)  # the nearest place within the tolerance
+        touches = np.hypot(disc[:, :, 0] - x, disc[:, :, 1] - y) < disc[:, :, 2]
+        return bool((touches & (np.arange(disc.shape[1]) < near[:, None])).any())
+
     def stand(self) -> Command:
         """Return a stop, for which there is no other command."""
         self.archive.used[0] = 0
@@ -228,6 +241,13 @@ class ControlColony:
     def path(self) -> TimedPath:
         """Return the path that the best sequence led along when it last led elsewhere than before."""
         return TimedPath(self._shown[:, 0], self._shown[:, 1:])
+
+
+def _without_end(field: StaticField) -> StaticField:
+    """Return the field with a goal at which no rollout ends: one that ends there does not see who comes later."""
+    goal = field.goal.copy()
+    goal[TOLERANCE], goal[GOAL_SPEED] = 0.0, math.inf
+    return field._replace(goal=goal)
 
 
 def _quarter_turn(robot: RobotSpec) -> float:
