@@ -178,6 +178,17 @@ def test_check_episode_names_what_is_wrong_with_rounds() -> None:
         check_episode(run(hall(stops=FOUR, horizon=horizon), "follow", seed=1))
 
 
+def test_a_robot_may_pass_over_the_goal_between_its_stops() -> None:
+    """It is on its way to the goal only when all stops are done, whether it gets that far or not."""
+    way = Stop((3.0, 1.0), "desk"), Stop((7.0, 1.0), "lab")
+    scenario = replace(hall(stops=way), start=(2.0, 1.0), goal=(4.5, 1.0))
+    for horizon, visited in ((3.5, 1), (60.0, 2)):
+        result = run(scenario, "follow", horizon=horizon)
+        assert len(result.rounds.visits) == visited and result.reached == (visited == 2)
+        assert np.hypot(*(result.trace.xy - scenario.goal).T).min() < 0.1
+        check_episode(result)
+
+
 def test_time_at_a_stop_before_it_opens_is_no_service() -> None:
     """A robot that waits for 3 s, is then 2 m away for 2 s and comes back has not been served for 3 s."""
     stop, home = Stop((4.0, 5.0), "ward", window=(10.0, 60.0), service=3.0), (1.0, 1.0)

@@ -204,10 +204,13 @@ def _figure_faults(result: EpisodeResult, again: Again) -> list[str]:
 
 
 def last_end(trace: Trace) -> float:
-    """Return the time at which the robot leaves the last stop for the goal, s; 0 in an episode without stops."""
+    """Return the time at which the robot leaves the last stop for the goal, s; infinite if it has not visited all stops."""
     if trace.rounds is None:
         return 0.0
-    return max((visit.end for visit in trace.rounds.visits), default=math.inf if trace.rounds.stops else 0.0)
+    visits = trace.rounds.visits
+    if len({visit.stop for visit in visits}) < len(trace.rounds.stops):
+        return math.inf
+    return max((visit.end for visit in visits), default=0.0)
 
 
 def rounds_faults(trace: Trace) -> Iterator[str]:
