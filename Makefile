@@ -53,7 +53,7 @@ lint: $(READY)
 	$(BIN)/lint-imports
 
 docs: $(READY)
-	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	nice $(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 
 # Kernels that are compiled before the tests are compiled once, not by each of two processes that need them. They are compiled
 # from src, because the development tools, which are installed meanwhile, replace the installed package for a moment.
@@ -66,9 +66,10 @@ test:
 	@$(MAKE) --no-print-directory -j4 warm browser ros lint
 	@$(MAKE) --no-print-directory -j2 docs tests
 
-# Three workers on two cores: many tests wait for processes, pages and sockets. conftest.py says which files begin.
+# Four workers on two cores: many tests wait for processes, pages and sockets. conftest.py says which files begin, and which
+# give way.
 tests: $(READY)
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -rs
+	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder -rs
 
 nightly: $(READY) browser ros
 	ANTWAY_TEST_SCALE=100 $(BIN)/python -m pytest -n 2 --dist loadfile -rs
