@@ -66,10 +66,10 @@ test:
 	@$(MAKE) --no-print-directory -j4 warm browser ros lint
 	@$(MAKE) --no-print-directory -j2 docs tests
 
-# Four workers on two cores: many tests wait for processes, pages and sockets. conftest.py says which files begin, and which
-# give way.
+# Three workers on two cores: many tests wait for processes, pages and sockets, but a fourth made it no shorter. conftest.py says
+# which files begin, and which give way.
 tests: $(READY)
-	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder -rs
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -rs
 
 nightly: $(READY) browser ros
 	ANTWAY_TEST_SCALE=100 $(BIN)/python -m pytest -n 2 --dist loadfile -rs
