@@ -17,7 +17,7 @@ from antway.search.derived import NEIGHBOURS
 from antway.search.distance_field import dijkstra
 from antway.search.jps import jps
 from antway.search.subgoals import prepare, subgoals
-from common import costly, pick, solvable
+from common import cases, costly, pick, solvable
 
 
 @pytest.mark.parametrize("moves", NEIGHBOURS)
@@ -26,7 +26,7 @@ def test_many_queries_at_once(moves: Moves) -> None:
     rng = np.random.default_rng(11)
     for size in (6, 90):
         grid = Grid(solvable(rng, low=size, high=size + 9).blocked, 0.5)
-        ends = [pick(rng, grid, 2) for _ in range(costly(600, 5000))]
+        ends = [pick(rng, grid, 2) for _ in range(cases(600, 5000))]
         routes = solve_many(grid, [a for a, _ in ends], [b for _, b in ends], moves)
         for i, (a, b) in enumerate(ends):
             expected = jps(Problem(grid, a, b, moves))

@@ -157,7 +157,7 @@ def test_the_fastest_command_passes_that_is_certified_among_all_obstacles(drive:
     """Obstacles that are left out as too far away make no difference, and the stop that is kept is the first one found."""
     rng, seen = np.random.default_rng([6, len(drive), polygon]), set()
     bent = 0  # how often the stop that is kept has a bend
-    for i in range(costly(300, 5000)):
+    for i in range(cases(300, 5000)):
         robot, state, rows = some(rng, drive, polygon, 1 + i % 3)
         robot = robot._replace(margin=0.0)
         if start_gap(robot, state) < 1e-6:

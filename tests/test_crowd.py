@@ -12,7 +12,7 @@ from antway.kernels.tracking import crowd, orca
 from antway.kernels.tracking.predict import FAR_AHEAD, ID, STEP_TIME, TubeMargins, predict
 from antway.kernels.tracking.table import make_table
 from antway.world.timeline import Timeline
-from common import all_seen, cases, costly
+from common import all_seen, cases
 from naive import crowd as naive
 
 
@@ -38,7 +38,7 @@ def test_the_velocity_is_the_nearest_allowed_one() -> None:
     rng = np.random.default_rng(1)
     out, work = np.empty(2), np.empty((8, 4))
     allowed = 0
-    for _ in range(costly(400, 20000)):
+    for _ in range(cases(400, 20000)):
         lines, request = lines_among(rng, int(rng.integers(1, 6))), rng.uniform(-1.5, 1.5, 2)
         n = len(lines)
         bad = orca.nearest(lines, n, 1.0, *request, False, out)

@@ -20,7 +20,7 @@ from antway.world.policy import RobotSpec, Task
 from antway.world.robots import load_robot
 from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
-from common import all_seen, changes_of, costly
+from common import all_seen, cases, changes_of, costly
 from naive import people as naive
 
 AIR = Terrain(np.zeros((1, 1), np.bool_), np.zeros((1, 1), np.bool_), -1e6, -1e6, 2e6)
@@ -44,7 +44,7 @@ def _rows(places: dict[int, tuple[float, float, float, float]]) -> np.ndarray:
 def test_turn_rates_are_those_of_the_slow_twin() -> None:
     """Tracks on circles, on straight lines and on paths that turn at random come and go."""
     turning = 0
-    for seed in range(costly(20, 400)):
+    for seed in range(cases(20, 400)):
         rng, scans = np.random.default_rng(seed), []
         step, at = float(rng.choice([0.05, 0.1, 0.25])), rng.uniform(0, 9, 6) + 1j * rng.uniform(0, 9, 6)
         rate = np.where(np.arange(6) < 3, rng.uniform(-1.5, 1.5, 6), 0.0)

@@ -18,7 +18,7 @@ from antway.search.astar import astar
 from antway.search.costs import inflation_costs, path_cost
 from antway.search.derived import NEIGHBOURS, lattice
 from antway.search.distance_field import DijkstraField, dijkstra
-from common import cases, costly, pick, random_grid, solvable
+from common import cases, pick, random_grid, solvable
 from naive import search as naive
 
 
@@ -32,7 +32,7 @@ def test_canonical_tables(moves: Moves) -> None:
             assert {d for d in range(8) if table[came, bits] >> d & 1} == naive.canonical(bits, came, moves)
         assert {d for d in range(8) if table[START, bits] >> d & 1} <= legal
     rng = np.random.default_rng(8)
-    for _ in range(costly(30, 300)):
+    for _ in range(cases(30, 300)):
         grid = random_grid(rng, 1, 20)
         assert np.array_equal(derived.lattice(grid, moves).around.reshape(grid.shape), naive.surroundings(grid))
 

@@ -75,7 +75,7 @@ def test_rollouts_of_twists_are_the_robots_own_arcs() -> None:
     rng, blocked = np.random.default_rng(1), np.zeros((40, 40), dtype=bool)
     blocked[:, 30:] = True
     found = [0, 0]
-    for k in range(costly(60, 1000)):
+    for k in range(cases(60, 1000)):
         discs = np.column_stack((rng.uniform(1, 6, (3, 2)), rng.uniform(-0.6, 0.6, (3, 2)), np.full(3, 0.5)))[: 3 * (k % 2)]
         state = RobotState(4.0 + (k + 1) % 2, 4.0, rng.uniform(-3, 3), rng.uniform(0, 1), rng.uniform(-1, 1))
         twist, out = np.array([[rng.uniform(-0.3, 1.0), rng.uniform(-1.9, 1.9)]]), np.empty((1, 6))

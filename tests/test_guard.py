@@ -30,7 +30,7 @@ from antway.kernels.robot.motion import drive_cycle
 from antway.kernels.robot.reach import SPEED
 from antway.policies.guard import Guard, Guarded, check_observation
 from antway.world.terrain import terrain_of
-from common import cases, costly
+from common import cases
 from naive import guard as naive
 
 DT, RADIUS, V_MAX, BOUND = 0.1, 0.3, 1.0, 1.2
@@ -170,7 +170,7 @@ def test_what_passes_is_what_its_slow_twin_passes(a_max: float, kind: str) -> No
     robot = RobotSpec(radius=RADIUS, v_max=V_MAX, a_max=a_max, drive=kind)
     limits = V_MAX, a_max, 2.0, kind == "differential"
     did_all = []
-    for _ in range(costly(200, 3000)):
+    for _ in range(cases(200, 3000)):
         tracks = np.column_stack(
             (
                 rng.uniform(4, 6, (2, 2)),

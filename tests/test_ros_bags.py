@@ -14,7 +14,7 @@ from antway.errors import BadInput, BadMap, BadParameter, BadScenario
 from antway.grid import Grid
 from antway.ros2 import convert
 from antway.ros2.convert import read_odometry, seconds
-from common import costly
+from common import cases
 from sample import sample_trace
 
 AnyReader = pytest.importorskip("rosbags.highlevel", reason="rosbags is not installed (extra: bags)").AnyReader
@@ -152,7 +152,7 @@ def test_spoilt_bags_are_refused_or_read(tmp_path, storage):
     save_bag(sample_trace(steps=4), tmp_path / "bag", storage=storage)
     file = next(one for one in (tmp_path / "bag").iterdir() if one.suffix in (".mcap", ".db3"))
     sound, rng, refused = file.read_bytes(), np.random.default_rng(1), 0
-    for _ in range(costly(60, 6000)):
+    for _ in range(cases(60, 6000)):
         data = bytearray(sound)
         for place in rng.integers(len(data), size=rng.integers(1, 30)):
             data[place] = rng.choice([0, 255, rng.integers(256)])
@@ -165,7 +165,7 @@ def test_spoilt_bags_are_refused_or_read(tmp_path, storage):
     assert refused > 10
     about = (tmp_path / "bag" / "metadata.yaml").read_bytes()
     file.write_bytes(sound)
-    for _ in range(costly(30, 3000)):
+    for _ in range(cases(30, 3000)):
         data = bytearray(about)
         for place in rng.integers(len(data), size=rng.integers(1, 10)):
             data[place] = rng.integers(256)

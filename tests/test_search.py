@@ -31,7 +31,7 @@ from antway.search.derived import NEIGHBOURS
 from antway.search.distance_field import dijkstra, spread_plan
 from antway.search.jps import jps, jumps_pay
 from antway.search.subgoals import hierarchy_of, subgoals
-from common import SHARED, cases, costly, free_cells, needs_data, pick, solvable
+from common import SHARED, cases, free_cells, needs_data, pick, solvable
 from naive import search as naive
 
 EXACT = {"dijkstra": dijkstra, "astar": astar, "jps": jps, "subgoals": subgoals}
@@ -67,7 +67,7 @@ def same(length: float, expected: float) -> bool:
 def test_random_grids_against_scipy(moves: Moves) -> None:
     """C1: on random grids every planner and the distance field equal SciPy's Dijkstra to 1e-9, under each corner rule."""
     rng = np.random.default_rng(1)
-    for k in range(costly(2000, 200_000)):
+    for k in range(cases(2000, 200_000)):
         grid = solvable(rng, high=80 if k % 25 == 0 else 64)  # some with more cells in a line than a word has bits
         start, goal = pick(rng, grid, 2)
         expected = scipy_field(grid, goal, moves)
@@ -85,7 +85,7 @@ def test_random_grids_against_scipy(moves: Moves) -> None:
 def test_random_grids_against_the_naive_twin(moves: Moves) -> None:
     """C7: under all moves the planners and fields, with and without costs, equal plain Dijkstra; every plan is legal."""
     rng = np.random.default_rng(2)
-    for _ in range(costly(60, 1000)):
+    for _ in range(cases(60, 1000)):
         grid = solvable(rng, low=2, high=10)
         start, goal, other = pick(rng, grid, 3)
         costs = rng.uniform(0.5, 5.0, grid.shape) * rng.choice([0.1, 1.0])
